@@ -1,0 +1,74 @@
+"""The command ``hev-can-emu``: a thin face that imports only what the chosen command needs."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from collections.abc import Sequence
+
+from hev_can_emu.errors import HevError
+
+EXIT_PASS, EXIT_FAIL, EXIT_UNUSABLE, EXIT_INCONCLUSIVE = 0, 1, 2, 3
+
+# name, module under hev_can_emu.commands, one line of help
+COMMANDS: tuple[tuple[str, str, str], ...] = (
+    ("run", "run", "put the car on a CAN bus, in real time"),
+    ("scenario", "scenario", "run scenarios and judge what they show"),
+    ("modes", "modes", "natural frequencies, damping and mode shapes"),
+    ("step-response", "step_response", "full-order against reduced model after a torque step"),
+    ("identify", "identify", "find driveline parameters from measured frequencies"),
+    ("export", "export", "state-space matrices for controller design"),
+    ("warm", "warm", "compile the kernels into the cache"),
+)
+
+
+def build_parser(argv: Sequence[str]) -> argparse.ArgumentParser:
+    """Return the parser; only the command named in ``argv`` is imported and given its arguments."""
+    parser = argparse.ArgumentParser(
+        prog="hev-can-emu",
+        description="A series-parallel hybrid car on a CAN bus.",
+        epilog="Exit codes: 0 pass, 1 fail, 2 unusable input, 3 inconclusive.",
+    )
+    parser.add_argument("--version", action="version", version=_Version())  # type: ignore[arg-type]
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    chosen = next((word for word in argv if not word.startswith("-")), None)
+    for name, module, summary in COMMANDS:
+        sub = commands.add_parser(name, help=summary, description=summary)
+        if name == chosen:
+            implementation = importlib.import_module(f"hev_can_emu.commands.{module}")
+            implementation.add_arguments(sub)
+            sub.set_defaults(execute=implementation.execute)
+    return parser
+
+
+class _Version:
+    """Looks the version up only when it is asked for: importlib.metadata is slow to import."""
+
+    def __mod__(self, names: object) -> str:
+        from importlib.metadata import version
+
+        return f"hev-can-emu {version('hev-can-emu')}"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command and return its exit code; errors become one line on stderr."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    parser = build_parser(arguments)
+    try:
+        parsed = parser.parse_args(arguments)
+        code: int = parsed.execute(parsed)
+    except HevError as error:
+        print(f"hev-can-emu: {error}", file=sys.stderr)
+        return EXIT_UNUSABLE
+    except BrokenPipeError:
+        # The reader (head, less) has gone; what it wanted to see, it saw.
+        sys.stderr.close()
+        return EXIT_PASS
+    except KeyboardInterrupt:
+        return 130
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,107 @@
+"""Linear analysis: natural frequencies, damping, mode shapes and state-space matrices."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy import linalg
+
+from hev_can_emu.plant.structure import N_PORTS, Configuration, Structure
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Modes:
+    """The elastic modes of a configuration, lowest first.
+
+    Attributes:
+        names: the free coordinates (rows of ``shapes``).
+        rigid: number of rigid-body modes left out.
+        undamped_hz: shape (m,), from ``K v = w^2 J v``.
+        damped_hz: shape (m,), ``|lambda|/2pi`` of the damped eigenvalues (what Table 2 calls damped).
+        oscillation_hz: shape (m,), ``|Im(lambda)|/2pi``, the frequency at which it really oscillates.
+        damping_ratio: shape (m,), ``-Re(lambda)/|lambda|``.
+        shapes: shape (n, m), undamped shapes scaled to a largest entry of one.
+    """
+
+    names: tuple[str, ...]
+    rigid: int
+    undamped_hz: Array
+    damped_hz: Array
+    oscillation_hz: Array
+    damping_ratio: Array
+    shapes: Array
+
+
+def modes(structure: Structure, configuration: Configuration) -> Modes:
+    """Return the modes of ``structure`` in ``configuration``.
+
+    The rigid-body space is split off before the eigenvalues are taken: zero eigenvalues of a
+    defective pencil would otherwise come out anywhere within the square root of rounding.
+    """
+    j, c, k = structure.matrices(configuration)
+    root = np.linalg.cholesky(j)
+    whitened_k = linalg.solve_triangular(
+        root, linalg.solve_triangular(root, k, lower=True).T, lower=True
+    )
+    whitened_c = linalg.solve_triangular(
+        root, linalg.solve_triangular(root, c, lower=True).T, lower=True
+    )
+    squares, vectors = linalg.eigh((whitened_k + whitened_k.T) / 2)
+    rigid = len(j) - np.linalg.matrix_rank(structure.incidence @ structure.lock_map(configuration))
+    elastic = vectors[:, rigid:]
+    omega = np.sqrt(squares[rigid:])
+    shapes = linalg.solve_triangular(root, elastic, lower=True, trans="T")
+    shapes = shapes / np.take_along_axis(shapes, np.abs(shapes).argmax(axis=0)[None], axis=0)
+    m = len(omega)
+    modal_c = elastic.T @ whitened_c @ elastic
+    # Scaled to unit order: with plain w^2 blocks the smallest modes lose digits to the largest.
+    state = np.block([[np.zeros((m, m)), np.diag(omega)], [-np.diag(omega), -modal_c]])
+    values = linalg.eigvals(state)
+    values = values[np.argsort(np.abs(values), kind="stable")]
+    pairs = values.reshape(m, 2)
+    magnitude = np.sqrt(np.abs(pairs[:, 0]) * np.abs(pairs[:, 1]))
+    return Modes(
+        names=structure.free_names(configuration),
+        rigid=int(rigid),
+        undamped_hz=omega / (2 * np.pi),
+        damped_hz=magnitude / (2 * np.pi),
+        oscillation_hz=np.abs(pairs[:, 0].imag) / (2 * np.pi),
+        damping_ratio=-pairs.real.mean(axis=1) / magnitude,
+        shapes=shapes,
+    )
+
+
+def held_speeds(structure: Structure, configuration: Configuration) -> Array:
+    """Return ``T (T'JT)^-1 T'``, shape (n, n): accelerations from torques with the locks held.
+
+    Times J it is the momentum-keeping projection of speeds onto the held configuration.
+    """
+    transform = structure.lock_map(configuration)
+    small = transform.T @ (structure.inertia[:, None] * transform)
+    inverse: Array = transform @ np.linalg.solve(small, transform.T)
+    return inverse
+
+
+def state_space(structure: Structure, configuration: Configuration) -> tuple[Array, Array]:
+    """Return A, B of ``x' = A x + B u`` in full coordinates.
+
+    States are the n speeds (held pairs equal) and the nq independent twists; inputs the four port
+    torques, then the six friction torques (each on its lock's first side, against the second).
+
+    Returns:
+        A of shape (n+nq, n+nq), B of shape (n+nq, 10).
+    """
+    n, nq = structure.n, structure.nq
+    inverse = held_speeds(structure, configuration)
+    driving = configuration.driving
+    a = np.zeros((n + nq, n + nq))
+    a[:n, :n] = -inverse @ structure.incidence.T @ structure.damping[driving] @ structure.incidence
+    a[:n, n:] = -inverse @ structure.incidence.T @ structure.stiffness[driving] @ structure.basis
+    a[n:, :n] = structure.incidence[list(structure.independent)]
+    b = np.zeros((n + nq, N_PORTS + len(structure.locks)))
+    b[:n] = inverse @ np.vstack([structure.ports, structure.locks]).T
+    return a, b
