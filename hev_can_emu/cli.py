@@ -30,7 +30,7 @@ def build_parser(argv: Sequence[str]) -> argparse.ArgumentParser:
         description="A series-parallel hybrid car on a CAN bus.",
         epilog="Exit codes: 0 pass, 1 fail, 2 unusable input, 3 inconclusive.",
     )
-    parser.add_argument("--version", action="version", version=_Version())  # type: ignore[arg-type]
+    parser.add_argument("--version", nargs=0, action=_ShowVersion, help="show the version and exit")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     chosen = next((word for word in argv if not word.startswith("-")), None)
     for name, module, summary in COMMANDS:
@@ -42,13 +42,14 @@ def build_parser(argv: Sequence[str]) -> argparse.ArgumentParser:
     return parser
 
 
-class _Version:
+class _ShowVersion(argparse.Action):
     """Looks the version up only when it is asked for: importlib.metadata is slow to import."""
 
-    def __mod__(self, names: object) -> str:
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
         from importlib.metadata import version
 
-        return f"hev-can-emu {version('hev-can-emu')}"
+        print(f"hev-can-emu {version('hev-can-emu')}")
+        parser.exit()
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -14,12 +14,15 @@ import os
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numba
-from numba.core import config as numba_config
+import numba.core.config
 
 F = TypeVar("F", bound=Callable[..., Any])
+
+# Its attributes are made at run time, out of a type checker's sight.
+numba_config: Any = numba.core.config
 
 _PACKAGE = Path(__file__).resolve().parent
 
@@ -57,7 +60,7 @@ def kernel(function: F) -> F:
     previous = numba_config.CACHE_DIR
     numba_config.CACHE_DIR = str(cache_folder())
     try:
-        compiled: F = numba.njit(cache=True, error_model="numpy")(function)
+        compiled: Any = numba.njit(cache=True, error_model="numpy")(function)
     finally:
         numba_config.CACHE_DIR = previous
-    return compiled
+    return cast(F, compiled)

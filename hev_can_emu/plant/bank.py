@@ -1,0 +1,183 @@
+"""Exact propagators of every configuration, ready for the compiled step.
+
+For each of the 48 configurations the bank holds ``x(t+h) = F [x; u]`` for a ladder of steps
+``h = period / 2^k``, the torque that each held lock carries, and the momentum-keeping projection onto
+the configuration.  The matrix exponential is our own plain-loop kernel: its bits do not depend on which
+BLAS a machine has.  It works on ``X = exp(M) - 1``, ``X <- 2X + X^2``, which keeps the small
+motions that plain squaring of numbers near one would round away.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from hev_can_emu.jit import kernel
+from hev_can_emu.plant.linear import held_speeds, state_space
+from hev_can_emu.plant.structure import N_CONFIGURATIONS, Structure, configuration_at
+
+Array = npt.NDArray[np.float64]
+
+TAYLOR_TERMS = 14
+TAYLOR_REACH = 0.1  # largest |eigenvalue| * step at which the series is used
+
+
+class Bank(NamedTuple):
+    """What the driveline kernel reads; n speeds, q twists, nx = n + q states, 10 inputs.
+
+    Attributes:
+        period: the base step, s.
+        levels: number of halvings; the ladder's unit is ``period / 2**levels``.
+        flow: shape (48, levels+1, nx+10, nx), transposed propagators, level 0 the unit.
+        held_torque: shape (48, 6, nx+10), rows giving each held lock's friction torque.
+        body_rate: shape (48, nx+10), row giving the body's angular acceleration.
+        project: shape (48, n, n), speeds onto the configuration, momentum kept.
+        remap: shape (6, 6, q, q), twists when the driving configuration changes.
+        stiffness: shape (6, q, q), elastic energy is ``q' K q / 2``.
+        inertia: shape (n,).
+        locks: shape (6, n), slip rows.
+        ports: shape (4, n), speed rows.
+    """
+
+    period: float
+    levels: int
+    flow: Array
+    held_torque: Array
+    body_rate: Array
+    project: Array
+    remap: Array
+    stiffness: Array
+    inertia: Array
+    locks: Array
+    ports: Array
+
+
+@kernel
+def _multiply(a: Array, b: Array, out: Array) -> None:
+    """``out = a @ b`` in a fixed order of summation."""
+    n = a.shape[0]
+    for i in range(n):
+        for j in range(n):
+            out[i, j] = 0.0
+        for k in range(n):
+            factor = a[i, k]
+            if factor != 0.0:
+                for j in range(n):
+                    out[i, j] += factor * b[k, j]
+
+
+@kernel
+def exponential_ladder(matrix: Array, halvings: int, levels: int, terms: int, out: Array) -> None:
+    """Fill ``out[k]`` with ``exp(matrix * 2^k) - 1`` for k = 0 .. levels.
+
+    Args:
+        matrix: shape (m, m), generator times the ladder's unit.
+        halvings: how many further halvings bring the series within its reach.
+        levels: number of doublings to store.
+        terms: terms of the Taylor series.
+        out: shape (levels+1, m, m).
+    """
+    n = matrix.shape[0]
+    scaled = matrix * 0.5**halvings
+    term = scaled.copy()
+    x = scaled.copy()
+    work = np.empty((n, n))
+    for order in range(2, terms + 1):
+        _multiply(term, scaled, work)
+        for i in range(n):
+            for j in range(n):
+                term[i, j] = work[i, j] / order
+                x[i, j] += term[i, j]
+    for _ in range(halvings):
+        _multiply(x, x, work)
+        for i in range(n):
+            for j in range(n):
+                x[i, j] = 2.0 * x[i, j] + work[i, j]
+    out[0] = x
+    for level in range(1, levels + 1):
+        _multiply(out[level - 1], out[level - 1], work)
+        for i in range(n):
+            for j in range(n):
+                out[level, i, j] = 2.0 * out[level - 1, i, j] + work[i, j]
+
+
+def propagators(a: Array, b: Array, unit: float, levels: int) -> Array:
+    """Return ``[exp(A h) , integral exp(A s) B ds]`` for h = unit * 2^k, inputs held constant.
+
+    Args:
+        a: shape (nx, nx), 1/s.
+        b: shape (nx, nu).
+        unit: smallest step, s.
+        levels: number of doublings.
+
+    Returns:
+        Shape (levels+1, nx, nx+nu).
+    """
+    nx, nu = b.shape
+    matrix = np.zeros((nx + nu, nx + nu))
+    matrix[:nx, :nx], matrix[:nx, nx:] = a * unit, b * unit
+    radius = float(np.abs(np.linalg.eigvals(matrix[:nx, :nx])).max())
+    halvings = max(0, int(np.ceil(np.log2(max(radius, 1e-300) / TAYLOR_REACH))))
+    ladder = np.empty((levels + 1, nx + nu, nx + nu))
+    exponential_ladder(matrix, halvings, levels, TAYLOR_TERMS, ladder)
+    ladder += np.eye(nx + nu)
+    return np.ascontiguousarray(ladder[:, :nx, :])
+
+
+def build_bank(structure: Structure, period: float = 1e-3, levels: int = 10) -> Bank:
+    """Prepare all configurations of ``structure`` for steps of ``period`` seconds (s)."""
+    n, nq = structure.n, structure.nq
+    nx, nu = n + nq, structure.ports.shape[0] + structure.locks.shape[0]
+    ports = structure.ports.shape[0]
+    flow = np.zeros((N_CONFIGURATIONS, levels + 1, nx + nu, nx))
+    held_torque = np.zeros((N_CONFIGURATIONS, len(structure.locks), nx + nu))
+    body_rate = np.zeros((N_CONFIGURATIONS, nx + nu))
+    project = np.zeros((N_CONFIGURATIONS, n, n))
+    body = int(np.flatnonzero(structure.ports[3])[0])
+    for row in range(N_CONFIGURATIONS):
+        configuration = configuration_at(row)
+        a, b = state_space(structure, configuration)
+        ladder = propagators(a, b, period / 2**levels, levels)
+        flow[row] = np.swapaxes(ladder, 1, 2)
+        project[row] = held_speeds(structure, configuration) * structure.inertia[None, :]
+        body_rate[row] = np.concatenate([a[body], b[body]])
+        held = [lock for lock, holds in enumerate(configuration.locks) if holds]
+        if held:
+            held_torque[row, held] = _held_torques(structure, row, held)
+            # A held lock's own friction input is the result, not a cause.
+            held_torque[row][:, [nx + ports + lock for lock in held]] = 0.0
+    basis = structure.basis
+    return Bank(
+        period=period,
+        levels=levels,
+        flow=flow,
+        held_torque=held_torque,
+        body_rate=body_rate,
+        project=project,
+        remap=np.ascontiguousarray(structure.twist_remap),
+        stiffness=np.ascontiguousarray(basis.T @ structure.stiffness @ basis),
+        inertia=structure.inertia.copy(),
+        locks=structure.locks.copy(),
+        ports=structure.ports.copy(),
+    )
+
+
+def _held_torques(structure: Structure, row: int, held: list[int]) -> Array:
+    """Rows giving the friction torques that keep the held slips at zero acceleration."""
+    driving = configuration_at(row).driving
+    inverse = 1.0 / structure.inertia
+    incidence, damping = structure.incidence, structure.damping[driving]
+    stiffness = structure.stiffness[driving] @ structure.basis
+    free = np.hstack(
+        [
+            -inverse[:, None] * (incidence.T @ damping @ incidence),
+            -inverse[:, None] * (incidence.T @ stiffness),
+            inverse[:, None] * np.vstack([structure.ports, structure.locks]).T,
+        ]
+    )
+    slips = structure.locks[held]
+    mobility = slips @ (inverse[:, None] * slips.T)
+    solved: Array = -np.linalg.solve(mobility, slips @ free)
+    return solved
