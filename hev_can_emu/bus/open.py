@@ -1,0 +1,117 @@
+"""From ``--bus`` to a bus: ``INTERFACE[:CHANNEL][?OPTION=VALUE&...]``.
+
+==========================================  =====================================================
+``socketcand[:HOST[:PORT]]``                the embedded server (default 127.0.0.1:29536)
+``socketcand-client:HOST[:PORT[:CHANNEL]]`` a socketcand server elsewhere, or another emulator
+``loopback[:NAME]``                         in memory, within this process
+``INTERFACE[:CHANNEL]``                     any other python-can interface, e.g. ``socketcan:vcan0``
+==========================================  =====================================================
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import weakref
+from collections.abc import Callable
+from typing import Any
+
+from hev_can_emu.bus.loopback import LoopbackHub
+from hev_can_emu.bus.port import Bus
+from hev_can_emu.bus.socketcand import CHANNEL, DEFAULT_HOST, DEFAULT_PORT, SocketcandBus
+from hev_can_emu.errors import InputError, did_you_mean
+
+DEFAULT_BUS = f"socketcand:{DEFAULT_HOST}:{DEFAULT_PORT}"
+
+_hubs: weakref.WeakValueDictionary[str, LoopbackHub] = weakref.WeakValueDictionary()
+
+
+def open_bus(spec: str, now_ns: Callable[[], int], *, epoch_ns: int = 0) -> Bus:
+    """Return the bus that ``spec`` names, yet to be opened by ``async with``.
+
+    Args:
+        spec: see the module's text.
+        now_ns: the clock that stamps received frames, in ns.
+        epoch_ns: Unix time at the clock's zero, for the time stamps that clients of the embedded
+            server see.
+
+    Raises InputError if ``spec`` cannot be understood or names no interface; python-can is imported
+    only for interfaces of its own.
+    """
+    where = f"--bus {spec}"
+    body, _, query = spec.partition("?")
+    interface, _, channel = body.partition(":")
+    options = _parse_options(query, where)
+    if interface == "socketcand":
+        _refuse_options(options, where)
+        host, port, _ = _parse_address(channel, where)
+        return SocketcandBus(now_ns, host, port, epoch_ns=epoch_ns)
+    if interface == "loopback":
+        _refuse_options(options, where)
+        name = channel or "loopback"
+        hub = _hubs.get(name)
+        if hub is None:
+            hub = _hubs[name] = LoopbackHub(name)
+        return hub.endpoint(now_ns)
+    from hev_can_emu.bus.pythoncan import PythonCanBus
+
+    if interface == "socketcand-client":
+        host, port, name = _parse_address(channel, where)
+        options |= {"host": host, "port": port, "tcp_tune": True}
+        return PythonCanBus(now_ns, "socketcand", name or CHANNEL, options)
+    _check_interface(interface, where)
+    if interface == "socketcan" and not channel:
+        raise InputError(where, "INTERFACE:CHANNEL", "no channel", "e.g. --bus socketcan:vcan0")
+    if interface == "udp_multicast" and not channel:
+        channel = "239.74.163.2"  # python-can's IPv4 group; its default, IPv6, is often unroutable
+    if interface == "udp_multicast" and importlib.util.find_spec("msgpack") is None:
+        hint = "pip install 'hev-can-emu[multicast]'"
+        raise InputError(where, "the package msgpack", "none installed", hint)
+    return PythonCanBus(now_ns, interface, channel, options)
+
+
+def _parse_address(text: str, where: str) -> tuple[str, int, str]:
+    """Return host, port and channel of ``HOST[:PORT[:CHANNEL]]``."""
+    parts = text.split(":") if text else []
+    if len(parts) > 3:
+        raise InputError(where, "socketcand:HOST:PORT", f"'{text}'", "addresses are IPv4 or names")
+    host = (parts[0] if parts else "") or DEFAULT_HOST
+    port_text = (parts[1] if len(parts) > 1 else "") or str(DEFAULT_PORT)
+    if not (port_text.isascii() and port_text.isdigit() and int(port_text) <= 65_535):
+        raise InputError(where, "a port from 0 (any free one) to 65535", f"'{port_text}'")
+    return host, int(port_text), parts[2] if len(parts) > 2 else ""
+
+
+def _parse_options(query: str, where: str) -> dict[str, Any]:
+    """Return ``a=1&b=x`` as a dict, numbers and booleans as such."""
+    options: dict[str, Any] = {}
+    for item in filter(None, query.split("&")):
+        name, equals, text = item.partition("=")
+        if not (equals and name.isidentifier()):
+            raise InputError(where, "?OPTION=VALUE&...", f"'{item}'", "e.g. ?bitrate=500000")
+        options[name] = _parse_value(text)
+    return options
+
+
+def _parse_value(text: str) -> bool | int | float | str:
+    if text.lower() in ("true", "false"):
+        return text.lower() == "true"
+    for convert in (int, float):
+        try:
+            return convert(text)
+        except ValueError:
+            continue
+    return text
+
+
+def _refuse_options(options: dict[str, Any], where: str) -> None:
+    if options:
+        raise InputError(where, "no options for this bus", ", ".join(options))
+
+
+def _check_interface(interface: str, where: str) -> None:
+    import can  # takes 0.2 s: only for interfaces of its own
+
+    known = {*can.VALID_INTERFACES, "socketcand", "socketcand-client", "loopback"}
+    if interface not in known:
+        hint = did_you_mean(interface, known) or "known: " + ", ".join(sorted(known))
+        raise InputError(where, "INTERFACE[:CHANNEL]", f"unknown interface '{interface}'", hint)

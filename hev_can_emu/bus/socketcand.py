@@ -1,0 +1,335 @@
+"""The embedded bus: a socketcand-protocol server that any python-can program on the machine joins.
+
+It needs no kernel CAN, no root and no plug-in.  Every client, and the emulator itself, is a node:
+what one sends, all others receive, in order and without loss; nobody hears itself.
+
+A client that does not read is dropped once its buffer is full: a bus must not wait for one node.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import errno
+import ipaddress
+import socket
+from collections.abc import Callable
+
+from hev_can_emu.bus import socketcand_protocol as protocol
+from hev_can_emu.bus.beacon import BEACON_PORT, send_beacons
+from hev_can_emu.bus.port import Bus
+from hev_can_emu.errors import InputError
+
+DEFAULT_HOST = "127.0.0.1"
+DEFAULT_PORT = 29_536
+CHANNEL = "vcan0"  #: the name told to clients; any name is accepted, all mean the same bus
+CLIENT_BUFFER_BYTES = (
+    1 << 20
+)  #: what a client may leave unread (about 25,000 frames) before it is dropped
+KERNEL_BUFFER_BYTES = (
+    1 << 18
+)  #: the kernel's share of it, bounded lest it hide a stalled client for minutes
+HOLD_S = 0.03
+"""Frames wait this long after a client's rawmode.  python-can compares one whole ``recv`` with
+``< ok >``: a frame that arrives in the same segment ends its connection."""
+CLOSE_S = 1.0  #: on closing, clients get this long to take what is still buffered
+
+_QUICKACK = getattr(socket, "TCP_QUICKACK", None)  # Linux only
+
+
+class SocketcandBus(Bus):
+    """The server, and the emulator's own node on it.
+
+    Args:
+        now_ns: the clock that stamps received frames.
+        host, port: where to listen; port 0 takes any free one, told by :attr:`port`.
+        epoch_ns: added to the clock's time in the frames that clients see.
+        beacon: announce the server on this machine's loopback.
+        beacon_port: where listeners for beacons listen.
+        client_buffer: bytes that a client may leave unread.
+    """
+
+    def __init__(
+        self,
+        now_ns: Callable[[], int],
+        host: str = DEFAULT_HOST,
+        port: int = DEFAULT_PORT,
+        *,
+        epoch_ns: int = 0,
+        beacon: bool = True,
+        beacon_port: int = BEACON_PORT,
+        client_buffer: int = CLIENT_BUFFER_BYTES,
+    ) -> None:
+        super().__init__(now_ns)
+        self.host = host
+        self.port = port
+        self.client_buffer = client_buffer
+        self._epoch_ns = epoch_ns
+        self._beacon_port = beacon_port if beacon else 0
+        self._clients: list[_Client] = []
+        self._joined: list[_Client] = []  # those past the handshake
+        self._server: asyncio.Server | None = None
+        self._beacon: asyncio.Task[None] | None = None
+        self._all_gone = asyncio.Event()
+        self._unfit_told = False
+
+    def describe(self) -> str:
+        """Return address and number of clients."""
+        return f"embedded socketcand server on {self.host}:{self.port}"
+
+    def join_hint(self) -> str:
+        """Return python-can's logger command for this server."""
+        return (
+            f"python -m can.logger -i socketcand -c {CHANNEL} "
+            f"--bus-kwargs host={self._reachable_host()} port={self.port}"
+        )
+
+    @property
+    def client_count(self) -> int:
+        """How many clients have joined."""
+        return len(self._joined)
+
+    def _reachable_host(self) -> str:
+        return DEFAULT_HOST if self.host in ("0.0.0.0", "localhost") else self.host
+
+    async def _open(self) -> None:
+        loop = asyncio.get_running_loop()
+        try:
+            # IPv4 only: python-can's client knows no other.
+            self._server = await loop.create_server(
+                lambda: _Client(self), self.host, self.port, family=socket.AF_INET
+            )
+        except OSError as error:
+            raise self._cannot_listen(error) from error
+        self.port = self._server.sockets[0].getsockname()[1]
+        if not _is_loopback(self.host):
+            self._notices.append(
+                f"{self.describe()} is open to the network, not to this machine only"
+            )
+        if self._beacon_port:
+            self._beacon = loop.create_task(
+                send_beacons(self._reachable_host(), self.port, CHANNEL, self._beacon_port),
+                name="socketcand-beacon",
+            )
+
+    def _cannot_listen(self, error: OSError) -> InputError:
+        where = f"--bus socketcand:{self.host}:{self.port}"
+        if error.errno == errno.EADDRINUSE:
+            return InputError(
+                where,
+                "a free TCP port",
+                f"port {self.port} in use",
+                "end the program that uses it, or choose another: --bus socketcand:"
+                f"{self.host}:{self.port + 1 if self.port < 65_535 else 0}"
+                f" (or --bus socketcand:{self.host}:0 for any free port)",
+            )
+        if error.errno == errno.EACCES:
+            return InputError(
+                where, "a port open to users", f"{error.strerror}", "use one above 1023"
+            )
+        return InputError(
+            where,
+            "an address of this machine",
+            f"'{self.host}' ({error.strerror})",
+            "e.g. 127.0.0.1",
+        )
+
+    async def _close(self) -> None:
+        if self._beacon is not None:
+            self._beacon.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await self._beacon
+            self._beacon = None
+        if self._server is not None:
+            self._server.close()
+            self._server = None
+        for client in list(self._clients):
+            client.finish()
+        if self._clients:
+            self._all_gone.clear()
+            try:
+                async with asyncio.timeout(CLOSE_S):
+                    await self._all_gone.wait()
+            except TimeoutError:
+                for client in list(self._clients):
+                    client.abort()
+
+    def _send(self, raw: bytes, count: int) -> None:
+        text, unfit = protocol.format_frames(raw, self._stamp())
+        self._sent += count - unfit
+        if unfit:
+            self._errors += unfit
+            if not self._unfit_told:
+                self._unfit_told = True
+                self._notices.append(
+                    "CAN FD and remote frames are not sent: socketcand carries classic data frames "
+                    "only; use --bus socketcan:vcan0 or --bus udp_multicast:239.74.163.2"
+                )
+        if text:
+            for client in list(self._joined):
+                client.deliver(text)
+
+    def _stamp(self) -> str:
+        return protocol.format_stamp(self._epoch_ns + self._now_ns())
+
+    # -- called by clients ----------------------------------------------------------------------
+
+    def attach(self, client: _Client) -> None:
+        """Know ``client`` from its connection on."""
+        self._clients.append(client)
+
+    def join(self, client: _Client) -> None:
+        """Let ``client`` receive from now on."""
+        self._joined.append(client)
+        self._notices.append(f"{client.name} joined")
+
+    def detach(self, client: _Client) -> None:
+        """Forget ``client``, whose connection has ended."""
+        self._clients.remove(client)
+        if client in self._joined:
+            self._joined.remove(client)
+            self._notices.append(f"{client.name} left")
+        if not self._clients:
+            self._all_gone.set()
+
+    def expel(self, client: _Client, reason: str) -> None:
+        """Send nothing more to ``client``, whose connection is being closed for ``reason``."""
+        self._errors += 1
+        if client in self._joined:
+            self._joined.remove(client)
+        self._notices.append(f"{client.name} disconnected: {reason}")
+
+    def relay(self, sender: _Client, frames: list[protocol.Send]) -> None:
+        """Carry what ``sender`` sent to every other node."""
+        for can_id, flags, data in frames:
+            self._accept(can_id, flags, data)
+        if len(self._joined) > 1:
+            stamp = self._stamp()
+            text = "".join([protocol.format_frame(*frame, stamp) for frame in frames]).encode()
+            for client in list(self._joined):
+                if client is not sender:
+                    client.deliver(text)
+
+    def refuse(self, client: _Client, reason: str) -> None:
+        """Count and tell a frame or command that cannot be served."""
+        self._errors += 1
+        self._notices.append(f"{client.name}: {reason.replace('-', ' ')}")
+
+
+class _Client(asyncio.Protocol):
+    """One connection: handshake, hold, then frames both ways."""
+
+    def __init__(self, bus: SocketcandBus) -> None:
+        self.name = "client"
+        self._bus = bus
+        self._parser = protocol.Parser()
+        self._opened = False
+        self._raw = False
+        self._held: list[bytes] | None = None  # frames kept back after rawmode
+        self._held_bytes = 0
+        self._release_timer: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+        self._socket = transport.get_extra_info("socket")
+        peer = transport.get_extra_info("peername")
+        self.name = f"client {peer[0]}:{peer[1]}" if peer else "client"
+        with contextlib.suppress(OSError):  # the peer may be gone already
+            self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, KERNEL_BUFFER_BYTES)
+        self._acknowledge_now()
+        self._bus.attach(self)
+        transport.write(protocol.HI)
+
+    def data_received(self, data: bytes) -> None:
+        self._acknowledge_now()
+        elements, error = self._parser.feed(data)
+        frames: list[protocol.Send] = []
+        for element in elements:
+            if isinstance(element, protocol.Send) and self._raw:
+                frames.append(element)
+            else:
+                error = self._obey(element) or error
+        if frames:
+            self._release()
+            self._bus.relay(self, frames)
+        if error is not None:
+            self._bus.expel(self, str(error))
+            self._transport.write(f"< error {error} >".encode("ascii", "replace"))
+            self._transport.close()
+
+    def connection_lost(self, error: Exception | None) -> None:
+        if self._release_timer is not None:
+            self._release_timer.cancel()
+        self._bus.detach(self)
+
+    def deliver(self, text: bytes) -> None:
+        """Send frames, or keep them while holding; drops this client if it does not read."""
+        if self._held is not None:
+            self._held.append(text)
+            self._held_bytes += len(text)
+            unread = self._held_bytes
+        else:
+            self._transport.write(text)
+            unread = self._transport.get_write_buffer_size()
+        if unread > self._bus.client_buffer:
+            self._bus.expel(self, f"it does not read ({unread} bytes waiting)")
+            self._transport.abort()
+
+    def finish(self) -> None:
+        """Close, having sent what is held and buffered."""
+        self._release()
+        self._transport.close()
+
+    def abort(self) -> None:
+        """Close at once."""
+        self._transport.abort()
+
+    def _obey(self, element: protocol.Element) -> protocol.ProtocolError | None:
+        """Carry out one command; returns what is wrong with it at this point."""
+        if isinstance(element, protocol.Refusal):
+            self._bus.refuse(self, element.reason)
+            self._transport.write(f"< error {element.reason} >".encode())
+        elif isinstance(element, protocol.Echo):
+            self._transport.write(protocol.ECHO)
+        elif isinstance(element, protocol.Open) and not self._opened:
+            self._opened = True
+            self._transport.write(protocol.OK)
+        elif isinstance(element, protocol.RawMode) and self._opened and not self._raw:
+            self._raw = True
+            self._held = []
+            self._transport.write(protocol.OK)
+            self._bus.join(self)
+            self._release_timer = asyncio.get_running_loop().call_later(HOLD_S, self._release)
+        else:
+            command = type(element).__name__.lower()
+            return protocol.ProtocolError(f"expected open, then rawmode, got '{command}'")
+        return None
+
+    def _release(self) -> None:
+        """End the hold: a client that sends, or has had time, has read its last ``< ok >``."""
+        if self._release_timer is not None:
+            self._release_timer.cancel()
+            self._release_timer = None
+        if self._held is not None:
+            text = b"".join(self._held)
+            self._held = None
+            if text:
+                self._transport.write(text)
+
+    def _acknowledge_now(self) -> None:
+        # Linux falls back to delayed acknowledgements by itself, so it is asked anew on every read:
+        # a client with Nagle's algorithm on would otherwise wait up to 40 ms for its next segment.
+        if _QUICKACK is not None:
+            with contextlib.suppress(OSError):
+                self._socket.setsockopt(socket.IPPROTO_TCP, _QUICKACK, 1)
+
+
+def _is_loopback(host: str) -> bool:
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
