@@ -18,13 +18,14 @@ class Modes:
     """The elastic modes of a configuration, lowest first.
 
     Attributes:
-        names: the free coordinates (rows of ``shapes``).
+        names: what moves on its own (rows of ``shapes``), see :func:`moving_parts`.
         rigid: number of rigid-body modes left out.
         undamped_hz: shape (m,), from ``K v = w^2 J v``.
         damped_hz: shape (m,), ``|lambda|/2pi`` of the damped eigenvalues (what Table 2 calls damped).
         oscillation_hz: shape (m,), ``|Im(lambda)|/2pi``, the frequency at which it really oscillates.
         damping_ratio: shape (m,), ``-Re(lambda)/|lambda|``.
-        shapes: shape (n, m), undamped shapes scaled to a largest entry of one.
+        shapes: shape (n, m), undamped shapes, each part turning at its own speed (not referred to
+            the wheels), scaled to a largest entry of one.
     """
 
     names: tuple[str, ...]
@@ -34,6 +35,31 @@ class Modes:
     oscillation_hz: Array
     damping_ratio: Array
     shapes: Array
+
+
+_LUMPED_NAMES = {"E": "JE", "M": "JM", "E+M": "JE+JM", "lw": "Jlw", "rw": "Jrw", "v": "Jv"}
+
+
+def moving_parts(
+    structure: Structure, configuration: Configuration
+) -> tuple[tuple[str, ...], Array]:
+    """Return what moves on its own, and the rows that turn free speeds into the parts' speeds.
+
+    Inertias that a lock merges are one part (``Jc1+Jc2``).  In the reduced model the lump that holds
+    the differential is ``Jeq`` and turns at the differential's speed, as in the paper.
+
+    Returns:
+        n names, and an array of shape (n, n).
+    """
+    transform = structure.lock_map(configuration)
+    names, rows = [], []
+    for column, name in enumerate(structure.free_names(configuration)):
+        members = np.flatnonzero(np.abs(transform[:, column]) > 1e-12)
+        rows.append(transform[members[-1]])
+        if structure.model == "4dof":
+            name = _LUMPED_NAMES.get(name, "Jeq")
+        names.append(name)
+    return tuple(names), np.array(rows)
 
 
 def modes(structure: Structure, configuration: Configuration) -> Modes:
@@ -54,7 +80,8 @@ def modes(structure: Structure, configuration: Configuration) -> Modes:
     rigid = len(j) - np.linalg.matrix_rank(structure.incidence @ structure.lock_map(configuration))
     elastic = vectors[:, rigid:]
     omega = np.sqrt(squares[rigid:])
-    shapes = linalg.solve_triangular(root, elastic, lower=True, trans="T")
+    names, parts = moving_parts(structure, configuration)
+    shapes = parts @ linalg.solve_triangular(root, elastic, lower=True, trans="T")
     shapes = shapes / np.take_along_axis(shapes, np.abs(shapes).argmax(axis=0)[None], axis=0)
     m = len(omega)
     modal_c = elastic.T @ whitened_c @ elastic
@@ -65,7 +92,7 @@ def modes(structure: Structure, configuration: Configuration) -> Modes:
     pairs = values.reshape(m, 2)
     magnitude = np.sqrt(np.abs(pairs[:, 0]) * np.abs(pairs[:, 1]))
     return Modes(
-        names=structure.free_names(configuration),
+        names=names,
         rigid=int(rigid),
         undamped_hz=omega / (2 * np.pi),
         damped_hz=magnitude / (2 * np.pi),
