@@ -27,6 +27,9 @@ HI = b"< hi >"
 OK = b"< ok >"
 ECHO = b"< echo >"
 ELEMENT_BYTES = 512  #: an element longer than this is malformed (a 64-byte send has about 210)
+FRAME_BYTES = 64  #: length of every frame element written
+_STAMP_STANDARD = FRAME_BYTES - len("< frame 123   >")
+_STAMP_EXTENDED = FRAME_BYTES - len("< frame 12345678   >")
 
 _HEX_DIGITS = b"0123456789abcdefABCDEF"
 _BYTE = {
@@ -180,12 +183,17 @@ def format_stamp(time_ns: int) -> str:
 
 
 def format_frame(can_id: int, flags: int, data: bytes, stamp: str) -> str:
-    """Return the ``< frame ... >`` (or ``< error ... >``) element of one classic frame."""
+    """Return the ``< frame ... >`` (or ``< error ... >``) element of one classic frame.
+
+    Every element is ``FRAME_BYTES`` long, by leading zeros in its time.  python-can reads 1024 bytes
+    at a time and prints a warning whenever that cuts an element in two; a divisor of 1024 is never cut.
+    """
     if flags & ERROR:
-        return f"< error {can_id | 0x2000_0000:08X} {stamp} >"
+        return f"< error {can_id | 0x2000_0000:08X} {stamp.zfill(_STAMP_EXTENDED + 1)} >"
+    text = data.hex().upper()
     if flags & EXTENDED:
-        return f"< frame {can_id:08X} {stamp} {data.hex().upper()} >"
-    return f"< frame {can_id:03X} {stamp} {data.hex().upper()} >"
+        return f"< frame {can_id:08X} {stamp.zfill(_STAMP_EXTENDED - len(text))} {text} >"
+    return f"< frame {can_id:03X} {stamp.zfill(_STAMP_STANDARD - len(text))} {text} >"
 
 
 def format_frames(raw: bytes, stamp: str) -> tuple[bytes, int]:

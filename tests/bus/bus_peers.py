@@ -8,7 +8,7 @@ import itertools
 import socket
 import threading
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 
@@ -44,6 +44,13 @@ def batch(*frames: Seen) -> np.ndarray:
 
 def seen(buffer: np.ndarray) -> list[Seen]:
     return [(int(f["id"]), int(f["flags"]), f["data"][: f["length"]].tobytes()) for f in buffer]
+
+
+async def until(condition: Callable[[], bool]) -> None:
+    """Return once ``condition`` holds, which another task or process brings about."""
+    async with asyncio.timeout(30):
+        while not condition():  # noqa: ASYNC110 - the other side has no event to give
+            await asyncio.sleep(0.0005)
 
 
 async def receive(bus: Bus, count: int) -> np.ndarray:
