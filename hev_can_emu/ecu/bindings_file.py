@@ -1,0 +1,73 @@
+"""The shape of a bindings file: frozen records that the YAML reader fills; unknown keys are refused."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import msgspec
+
+Ownership = Literal["emulated", "external", "silent"]
+Reaction = Literal["hold", "ramp_to_zero", "open_clutch"]
+
+
+class Tie(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One signal's port where more than the name is to be said.
+
+    ``unit`` stands in for the DBC's; ``factor`` is a sign or scale between the signal, converted to SI,
+    and the port (``port = factor * signal``); ``values`` gives the port's code for each label of the
+    signal's value table, labels left out mean not available.
+    """
+
+    port: str
+    unit: str | None = None
+    factor: float = 1.0
+    values: dict[str, int] = {}
+
+
+class Supervision(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How a request message is watched.
+
+    Lost after ``timeout_periods`` periods without a good frame (``period`` as a quantity where the DBC
+    has no cycle time); then ``reaction`` acts on the request ports in ``covers`` (empty: all of the
+    message), within ``ramp_down``.  ``status`` is the status port that tells how the message fares.
+    """
+
+    status: str = ""
+    timeout_periods: Annotated[int, msgspec.Meta(ge=1, le=1000)] = 3
+    period: str = ""
+    reaction: Reaction = "hold"
+    ramp_down: str = "200 ms"
+    covers: tuple[str, ...] = ()
+
+
+class MessageBinding(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One message's signals by name: ``request`` of a controller, ``status`` and ``external`` of a unit.
+
+    ``node`` stands in for the sender that the DBC names.  Signals in ``optional`` may be not
+    available without the message being defective.
+    """
+
+    node: str = ""
+    request: dict[str, str | Tie] = {}
+    status: dict[str, str | Tie] = {}
+    external: dict[str, str | Tie] = {}
+    optional: tuple[str, ...] = ()
+    supervision: Supervision | None = None
+
+
+class NodeBinding(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One node: the controller under test, or a unit that this program can emulate.
+
+    Without ``ownership`` a controller is external and a unit is emulated.
+    """
+
+    role: Literal["controller", "emulated"]
+    ownership: Ownership | None = None
+
+
+class Bindings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A bindings file; nodes count in the file's order."""
+
+    version: Literal[1]
+    nodes: dict[str, NodeBinding]
+    messages: dict[str, MessageBinding]
