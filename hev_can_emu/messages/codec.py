@@ -1,0 +1,434 @@
+"""Physical values to frame bytes and back: tables built from a database, read by compiled kernels.
+
+The bytes equal those of cantools for every value it encodes, with two deliberate differences: a number never
+becomes the not-available value (NaN does), and values out of range saturate, counted, instead of failing.
+
+Vectors of values are float64 over all signals of the database; NaN means not available.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hev_can_emu.jit import kernel
+from hev_can_emu.messages.database import Database
+from hev_can_emu.messages.definitions import SignalDef
+from hev_can_emu.messages.frame import BRS, EXTENDED, FD
+from hev_can_emu.messages.raw import (
+    FLOAT16,
+    FLOAT32,
+    FLOAT64,
+    SIGNED,
+    UNSIGNED,
+    float_pattern,
+    float_value,
+    get_bits,
+    put_bits,
+    signed_value,
+)
+
+# Columns of Codec.messages, one row per message.
+M_ID = 0
+M_FLAGS = 1  # EXTENDED, FD, BRS
+M_LENGTH = 2  # bytes in the database
+M_WIRE_LENGTH = 3  # bytes on the bus
+M_FIRST = 4  # first signal
+M_COUNT = 5  # number of signals
+M_COLUMNS = 6
+
+# Columns of Codec.signals, one row per signal.
+S_BYTE = 0  # byte of the least significant bit
+S_BIT = 1  # its place in that byte
+S_STEP = 2  # to the byte of the next higher bits: +1 little-endian, -1 big-endian
+S_LENGTH = 3
+S_KIND = 4
+S_HAS_NA = 5
+S_NA = 6  # bit pattern
+S_INITIAL = 7  # bit pattern
+S_PARENT = 8  # multiplexer signal, or -1
+S_RANGES = 9  # first pair in Codec.lists
+S_RANGE_COUNT = 10
+S_EXTRA = 11  # first labelled raw value outside the range, in Codec.lists
+S_EXTRA_COUNT = 12
+S_ORDER = 13  # the signal to encode at this place: multiplexers before what they select
+S_PROTECTED = 14  # 1: written by the message's protection, not by a value
+S_COLUMNS = 15
+
+# Columns of Codec.scaling, one row per signal.
+F_SCALE = 0
+F_OFFSET = 1
+F_LOW = 2  # raw
+F_HIGH = 3  # raw
+F_COLUMNS = 4
+
+#: cantools lets a value pass its limits by this part of the factor.
+_TOLERANCE = 1e-6
+
+
+class Codec(NamedTuple):
+    """The tables of a database.
+
+    ``keys``: int64, sorted identifiers (bit 29 set: extended), ``key_messages``: int64, their messages;
+    ``messages``: int64 (messages, M_COLUMNS); ``signals``: int64 (signals, S_COLUMNS);
+    ``scaling``: float64 (signals, F_COLUMNS); ``lists``: int64, ranges and labelled values.
+    """
+
+    keys: np.ndarray
+    key_messages: np.ndarray
+    messages: np.ndarray
+    signals: np.ndarray
+    scaling: np.ndarray
+    lists: np.ndarray
+
+
+def build_codec(database: Database) -> Codec:
+    """Return the tables of a database."""
+    messages = np.zeros((len(database.messages), M_COLUMNS), dtype=np.int64)
+    signals = np.zeros((len(database.signals), S_COLUMNS), dtype=np.int64)
+    scaling = np.zeros((len(database.signals), F_COLUMNS), dtype=np.float64)
+    lists: list[int] = [0]  # never empty, so that its type is known
+    keys: list[tuple[int, int]] = []
+    first = 0
+    for message in database.messages:
+        flags = EXTENDED * message.extended | FD * message.fd | BRS * message.brs
+        messages[message.index] = [
+            message.can_id,
+            flags,
+            message.length,
+            message.wire_length,
+            first,
+            len(message.signals),
+        ]
+        keys.append((message.can_id | int(message.extended) << 29, message.index))
+        by_name = {signal.name: signal for signal in message.signals}
+        protected = message.protection.bits() if message.protection else frozenset[int]()
+        for signal in message.signals:
+            _fill_signal(signal, by_name, signals[signal.index], scaling[signal.index], lists)
+            signals[signal.index, S_PROTECTED] = not protected.isdisjoint(signal.bits())
+        order = sorted(message.signals, key=lambda signal: _depth(signal, by_name))
+        for place, signal in enumerate(order):
+            signals[first + place, S_ORDER] = signal.index
+        first += len(message.signals)
+    keys.sort()
+    return Codec(
+        keys=np.array([key for key, _ in keys], dtype=np.int64),
+        key_messages=np.array([index for _, index in keys], dtype=np.int64),
+        messages=messages,
+        signals=signals,
+        scaling=scaling,
+        lists=np.array(lists, dtype=np.int64),
+    )
+
+
+def _depth(signal: SignalDef, by_name: dict[str, SignalDef]) -> int:
+    depth = 0
+    while signal.multiplexer is not None and depth <= len(by_name):
+        signal = by_name[signal.multiplexer]
+        depth += 1
+    return depth
+
+
+def signal_kind(signal: SignalDef) -> int:
+    """Return UNSIGNED, SIGNED, FLOAT16, FLOAT32 or FLOAT64."""
+    if signal.is_float:
+        return {16: FLOAT16, 32: FLOAT32, 64: FLOAT64}[signal.length]
+    return SIGNED if signal.signed else UNSIGNED
+
+
+def _fill_signal(
+    signal: SignalDef,
+    by_name: dict[str, SignalDef],
+    row: np.ndarray,
+    scale_row: np.ndarray,
+    lists: list[int],
+) -> None:
+    if signal.little_endian:
+        lowest, step = signal.start, 1
+    else:
+        # DBC's big-endian start is the most significant bit; walk down to the least.
+        last = 8 * (signal.start // 8) + 7 - signal.start % 8 + signal.length - 1
+        lowest, step = 8 * (last // 8) + 7 - last % 8, -1
+    row[S_BYTE], row[S_BIT], row[S_STEP] = lowest // 8, lowest % 8, step
+    row[S_LENGTH] = signal.length
+    row[S_KIND] = kind = signal_kind(signal)
+    low, high = raw_limits(signal)
+    scale_row[:] = [float(signal.scale), float(signal.offset), low, high]
+    row[S_HAS_NA] = signal.not_available is not None
+    row[S_NA] = _int64(_pattern(signal.not_available or 0, kind, signal.length))
+    row[S_INITIAL] = _int64(_pattern(_initial(signal), kind, signal.length))
+    row[S_PARENT] = by_name[signal.multiplexer].index if signal.multiplexer else -1
+    row[S_RANGES], row[S_RANGE_COUNT] = len(lists), len(signal.multiplexer_ranges)
+    for start, end in signal.multiplexer_ranges:
+        lists += [start, end]
+    row[S_EXTRA] = len(lists)
+    if not signal.is_float:
+        lists += [
+            raw
+            for raw in signal.labels
+            if not low <= raw <= high
+            and signal.raw_range[0] <= raw <= signal.raw_range[1]
+            and abs(raw) < 1 << 53
+            and raw != signal.not_available
+        ]
+    row[S_EXTRA_COUNT] = len(lists) - row[S_EXTRA]
+
+
+def raw_limits(signal: SignalDef) -> tuple[float, float]:
+    """Return the smallest and largest raw value to send: the declared range, as far as it can be encoded.
+
+    The not-available value at either end of an integer's range is left out; one inside is stepped over
+    when encoding.
+    """
+    low, high = -math.inf, math.inf
+    ends: list[float] = []
+    for limit, sign in ((signal.minimum, -1), (signal.maximum, 1)):
+        if limit is None:
+            ends.append(sign * math.inf * (1 if signal.scale > 0 else -1))
+        else:
+            tolerated = limit + sign * abs(signal.scale) * _TOLERANCE
+            ends.append((tolerated - signal.offset) / signal.scale)
+    if min(ends) <= max(ends) and not (
+        signal.minimum is not None
+        and signal.maximum is not None
+        and signal.minimum > signal.maximum
+    ):
+        low, high = min(ends), max(ends)
+    if signal.is_float:
+        return low, high
+    smallest, largest = signal.raw_range
+    if signal.not_available == largest:
+        largest -= 1
+    elif signal.not_available == smallest:
+        smallest += 1
+    low = max(float(np.rint(low)), float(smallest))
+    high = min(float(np.rint(high)), _float_below(largest))
+    if low > high:  # a declared range that no raw value meets binds nothing
+        return float(smallest), _float_below(largest)
+    return low, high
+
+
+def _float_below(value: int) -> float:
+    """Return the largest double that does not exceed an integer."""
+    nearest = float(value)
+    return nearest if int(nearest) <= value else math.nextafter(nearest, -math.inf)
+
+
+def _initial(signal: SignalDef) -> float:
+    raw = 0 if signal.initial is None else signal.initial
+    if signal.is_float:
+        return raw
+    return max(signal.raw_range[0], min(signal.raw_range[1], int(raw)))
+
+
+def _pattern(raw: float, kind: int, length: int) -> int:
+    if kind in (SIGNED, UNSIGNED):
+        return int(raw) & ((1 << length) - 1)
+    return int(float_pattern(float(raw), kind))
+
+
+def _int64(pattern: int) -> int:
+    return pattern - (1 << 64) if pattern >= 1 << 63 else pattern
+
+
+@kernel
+def find_message(codec: Codec, can_id: Any, extended: Any) -> Any:
+    """Return the index of the message with this identifier, or -1."""
+    key = np.int64(can_id)
+    if extended != 0:
+        key |= 1 << 29
+    low = 0
+    high = codec.keys.shape[0]
+    while low < high:
+        middle = (low + high) >> 1
+        if codec.keys[middle] < key:
+            low = middle + 1
+        else:
+            high = middle
+    if low < codec.keys.shape[0] and codec.keys[low] == key:
+        return codec.key_messages[low]
+    return -1
+
+
+@kernel
+def is_active(signals: np.ndarray, lists: np.ndarray, s: int, data: np.ndarray) -> bool:
+    """Whether the multiplexers in ``data`` select signal ``s``, up to the outermost one."""
+    parent = signals[s, S_PARENT]
+    while parent >= 0:
+        row = signals[parent]
+        bits = get_bits(data, row[S_BYTE], row[S_BIT], row[S_STEP], row[S_LENGTH])
+        if row[S_KIND] == SIGNED:
+            selector = signed_value(bits, row[S_LENGTH])
+        else:
+            selector = np.int64(bits)
+        start = signals[s, S_RANGES]
+        found = False
+        for n in range(signals[s, S_RANGE_COUNT]):
+            if lists[start + 2 * n] <= selector <= lists[start + 2 * n + 1]:
+                found = True
+        if not found:
+            return False
+        s = parent
+        parent = signals[s, S_PARENT]
+    return True
+
+
+@kernel
+def to_physical(signals: np.ndarray, scaling: np.ndarray, s: int, bits: Any) -> Any:
+    """Return the physical value of a bit pattern (uint64) of signal ``s``; NaN: not available."""
+    if signals[s, S_HAS_NA] != 0 and np.int64(bits) == signals[s, S_NA]:
+        return np.nan
+    kind = signals[s, S_KIND]
+    if kind == UNSIGNED:
+        raw = np.float64(bits)
+    elif kind == SIGNED:
+        raw = np.float64(signed_value(bits, signals[s, S_LENGTH]))
+    else:
+        raw = float_value(bits, kind)
+    return raw * scaling[s, F_SCALE] + scaling[s, F_OFFSET]
+
+
+@kernel
+def to_pattern(
+    signals: np.ndarray, scaling: np.ndarray, lists: np.ndarray, s: int, value: float
+) -> Any:
+    """Return the bit pattern (uint64) that is sent for a physical value, and 1 where it saturated."""
+    kind = signals[s, S_KIND]
+    if np.isnan(value):
+        if signals[s, S_HAS_NA] != 0:
+            return np.uint64(signals[s, S_NA]), 0
+        if kind >= FLOAT16:
+            return float_pattern(value, kind), 0
+        return np.uint64(signals[s, S_INITIAL]), 0
+    low = scaling[s, F_LOW]
+    high = scaling[s, F_HIGH]
+    raw = (value - scaling[s, F_OFFSET]) / scaling[s, F_SCALE]
+    saturated = 0
+    if kind < FLOAT16:
+        raw = np.rint(raw)
+        if raw < low or raw > high:
+            labelled = False
+            start = signals[s, S_EXTRA]
+            for n in range(signals[s, S_EXTRA_COUNT]):
+                if lists[start + n] == raw:
+                    labelled = True
+            if not labelled:
+                raw = low if raw < low else high
+                saturated = 1
+        bits = _integer_pattern(raw, kind, signals[s, S_LENGTH])
+        if signals[s, S_HAS_NA] != 0 and np.int64(bits) == signals[s, S_NA]:
+            raw = raw - 1.0 if raw > low else raw + 1.0
+            saturated = 1
+            bits = _integer_pattern(raw, kind, signals[s, S_LENGTH])
+        return bits, saturated
+    if raw < low:
+        raw = low
+        saturated = 1
+    elif raw > high:
+        raw = high
+        saturated = 1
+    if not np.isinf(raw):
+        largest = 65504.0 if kind == FLOAT16 else 3.4028234663852886e38
+        if kind != FLOAT64 and abs(raw) > largest:
+            raw = largest if raw > 0.0 else -largest
+            saturated = 1
+    return float_pattern(raw, kind), saturated
+
+
+@kernel
+def _integer_pattern(raw: float, kind: int, length: int) -> Any:
+    if kind == SIGNED:
+        bits = np.uint64(np.int64(raw))
+    else:
+        bits = np.uint64(raw)
+    return (bits << np.uint64(64 - length)) >> np.uint64(64 - length)
+
+
+@kernel
+def decode_signals(
+    signals: np.ndarray,
+    scaling: np.ndarray,
+    lists: np.ndarray,
+    first: int,
+    count: int,
+    data: np.ndarray,
+    values: np.ndarray,
+) -> None:
+    """Write the physical values of ``count`` signals from ``first`` on; see :func:`decode`."""
+    for s in range(first, first + count):
+        row = signals[s]
+        if row[S_PARENT] < 0 or is_active(signals, lists, s, data):
+            bits = get_bits(data, row[S_BYTE], row[S_BIT], row[S_STEP], row[S_LENGTH])
+            values[s] = to_physical(signals, scaling, s, bits)
+
+
+@kernel
+def encode_signals(
+    signals: np.ndarray,
+    scaling: np.ndarray,
+    lists: np.ndarray,
+    first: int,
+    count: int,
+    values: np.ndarray,
+    data: np.ndarray,
+    on_bus_values: np.ndarray,
+) -> int:
+    """Write ``count`` signals from ``first`` on into ``data``, which is all zero; see :func:`encode`."""
+    saturations = 0
+    for place in range(first, first + count):
+        s = signals[place, S_ORDER]
+        row = signals[s]
+        if row[S_PARENT] < 0 or is_active(signals, lists, s, data):
+            bits, saturated = to_pattern(signals, scaling, lists, s, values[s])
+            put_bits(data, row[S_BYTE], row[S_BIT], row[S_STEP], row[S_LENGTH], bits)
+            on_bus_values[s] = to_physical(signals, scaling, s, bits)
+            saturations += saturated
+    return saturations
+
+
+@kernel
+def decode(codec: Codec, message: int, data: np.ndarray, values: np.ndarray) -> None:
+    """Write the physical values of a message's signals into the vector of all signals.
+
+    ``data``: uint8, at least the message's length; ``values``: float64 (signals).  Of a multiplexed
+    message only the selected signals are written.
+    """
+    row = codec.messages[message]
+    decode_signals(
+        codec.signals, codec.scaling, codec.lists, row[M_FIRST], row[M_COUNT], data, values
+    )
+
+
+@kernel
+def encode(
+    codec: Codec,
+    message: int,
+    values: np.ndarray,
+    data: np.ndarray,
+    on_bus_values: np.ndarray,
+) -> int:
+    """Write a message's bytes, and into ``on_bus_values`` what a receiver will read from them.
+
+    ``values``, ``on_bus_values``: float64 (signals), may be the same array; ``data``: uint8, at least the
+    message's length on the bus; unused bits become 0.  NaN becomes the not-available value, without one
+    the initial value (NaN in floating-point signals).  Signals that a multiplexer does not select are
+    left out.
+
+    Returns:
+        the number of values that were out of range and saturated.
+    """
+    row = codec.messages[message]
+    for n in range(row[M_WIRE_LENGTH]):
+        data[n] = 0
+    return encode_signals(
+        codec.signals,
+        codec.scaling,
+        codec.lists,
+        row[M_FIRST],
+        row[M_COUNT],
+        values,
+        data,
+        on_bus_values,
+    )

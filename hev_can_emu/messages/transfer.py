@@ -1,0 +1,250 @@
+"""Sending and receiving whole frames: the two kernels that the tick calls.
+
+They join schedule, codec and protection; frames are records of :data:`hev_can_emu.messages.frame.FRAME`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from hev_can_emu.jit import kernel
+from hev_can_emu.messages.codec import (
+    F_HIGH,
+    F_LOW,
+    M_COUNT,
+    M_FIRST,
+    M_FLAGS,
+    M_ID,
+    M_LENGTH,
+    M_WIRE_LENGTH,
+    S_BIT,
+    S_BYTE,
+    S_EXTRA,
+    S_EXTRA_COUNT,
+    S_HAS_NA,
+    S_KIND,
+    S_LENGTH,
+    S_NA,
+    S_PARENT,
+    S_PROTECTED,
+    S_STEP,
+    Codec,
+    decode,
+    encode,
+    find_message,
+    is_active,
+    to_physical,
+)
+from hev_can_emu.messages.frame import ERROR, EXTENDED, REMOTE, SENT
+from hev_can_emu.messages.protection import (
+    COUNTER_JUMP,
+    COUNTER_REPEATED,
+    CRC_WRONG,
+    LENGTH_WRONG,
+    NEVER,
+    OFF,
+    OK,
+    Protection,
+    check,
+    is_accepted,
+    protect,
+)
+from hev_can_emu.messages.raw import SIGNED, UNSIGNED, float_value, get_bits, signed_value
+from hev_can_emu.messages.restbus import (
+    T_COLUMNS,
+    T_COUNTER,
+    T_SATURATED,
+    T_SENT,
+    Restbus,
+    is_due,
+)
+
+# Columns of the receive state, X_COLUMNS per message.
+X_COUNTER = 0  # last protection counter taken, NEVER before
+X_LAST_NS = 1  # time of the last accepted frame
+X_ACCEPTED = 2  # frames used
+X_LENGTH = 3  # frames of a wrong length
+X_CRC = 4  # frames of a wrong CRC
+X_REPEATED = 5  # frames of a repeated counter
+X_JUMP = 6  # frames after a jump of the counter
+X_RANGE = 7  # values outside their declared range, in used frames
+X_LAST_RANGE = 8  # the same in the last used frame
+X_COLUMNS = 9
+
+
+def receive_state_size(codec: Codec) -> int:
+    """Return how many int64 the receiver's state takes."""
+    return int(codec.messages.shape[0]) * X_COLUMNS
+
+
+@kernel
+def reset_receive(codec: Codec, state: np.ndarray) -> None:
+    """Forget every frame received."""
+    for m in range(codec.messages.shape[0]):
+        for n in range(X_COLUMNS):
+            state[m * X_COLUMNS + n] = 0
+        state[m * X_COLUMNS + X_COUNTER] = NEVER
+        state[m * X_COLUMNS + X_LAST_NS] = -(1 << 62)
+
+
+@kernel
+def write_frame(
+    codec: Codec,
+    protection: Protection,
+    message: int,
+    counter: int,
+    values: np.ndarray,
+    on_bus_values: np.ndarray,
+    t_ns: int,
+    frames: np.ndarray,
+    i: int,
+) -> Any:
+    """Encode and protect a message into ``frames[i]``; return the number of saturated values.
+
+    The protection's own signals (counter, CRC), where the database has them, get their values in
+    ``on_bus_values`` too.
+    """
+    row = codec.messages[message]
+    data = frames[i]["data"]
+    saturated = encode(codec, message, values, data, on_bus_values)
+    for n in range(row[M_WIRE_LENGTH], 64):
+        data[n] = 0
+    protect(protection, message, data, row[M_LENGTH], counter)
+    for s in range(row[M_FIRST], row[M_FIRST] + row[M_COUNT]):
+        signal = codec.signals[s]
+        if signal[S_PROTECTED] != 0:
+            bits = get_bits(data, signal[S_BYTE], signal[S_BIT], signal[S_STEP], signal[S_LENGTH])
+            on_bus_values[s] = to_physical(codec.signals, codec.scaling, s, bits)
+    frames[i]["t_ns"] = t_ns
+    frames[i]["id"] = row[M_ID]
+    frames[i]["flags"] = row[M_FLAGS] | SENT
+    frames[i]["length"] = row[M_WIRE_LENGTH]
+    frames[i]["channel"] = 0
+    return saturated
+
+
+@kernel
+def transmit(
+    codec: Codec,
+    protection: Protection,
+    restbus: Restbus,
+    state: np.ndarray,
+    enabled: np.ndarray,
+    values: np.ndarray,
+    on_bus_values: np.ndarray,
+    t_ns: int,
+    frames_out: np.ndarray,
+    n_out: int,
+    capacity: int,
+) -> Any:
+    """Append every frame due at ``t_ns`` to ``frames_out`` and return the new number of frames in it.
+
+    ``state``: int64 of :func:`~hev_can_emu.messages.restbus.restbus_state_size`; ``enabled``: uint8
+    (messages), 0 for messages that this program does not send; ``values``: float64 (signals), what is to
+    be sent; ``on_bus_values``: float64 (signals), what receivers see, kept between calls.  The protection
+    counter advances with each frame written.  Messages that find no room below ``capacity`` stay due.
+    """
+    for place in range(restbus.order.shape[0]):
+        if n_out >= capacity:
+            break
+        m = restbus.order[place]
+        if is_due(restbus, codec, state, enabled, values, on_bus_values, m, t_ns):
+            base = m * T_COLUMNS
+            counter = state[base + T_COUNTER]
+            saturated = write_frame(
+                codec, protection, m, counter, values, on_bus_values, t_ns, frames_out, n_out
+            )
+            state[base + T_COUNTER] += 1
+            state[base + T_SENT] += 1
+            state[base + T_SATURATED] += saturated
+            n_out += 1
+    return n_out
+
+
+@kernel
+def count_out_of_range(codec: Codec, message: int, data: np.ndarray) -> Any:
+    """Return how many signals of a frame lie outside their declared range.
+
+    Not-available and labelled values are no such case.
+    """
+    count = 0
+    row = codec.messages[message]
+    for s in range(row[M_FIRST], row[M_FIRST] + row[M_COUNT]):
+        signal = codec.signals[s]
+        if signal[S_PARENT] >= 0 and not is_active(codec.signals, codec.lists, s, data):
+            continue
+        bits = get_bits(data, signal[S_BYTE], signal[S_BIT], signal[S_STEP], signal[S_LENGTH])
+        if signal[S_HAS_NA] != 0 and np.int64(bits) == signal[S_NA]:
+            continue
+        if signal[S_KIND] == UNSIGNED:
+            raw = np.float64(bits)
+        elif signal[S_KIND] == SIGNED:
+            raw = np.float64(signed_value(bits, signal[S_LENGTH]))
+        else:
+            raw = float_value(bits, signal[S_KIND])
+        if codec.scaling[s, F_LOW] <= raw <= codec.scaling[s, F_HIGH] or np.isnan(raw):
+            continue
+        labelled = False
+        for n in range(signal[S_EXTRA_COUNT]):
+            if codec.lists[signal[S_EXTRA] + n] == raw:
+                labelled = True
+        if not labelled:
+            count += 1
+    return count
+
+
+@kernel
+def receive(
+    codec: Codec,
+    protection: Protection,
+    state: np.ndarray,
+    accept: np.ndarray,
+    mode: int,
+    frames: np.ndarray,
+    i: int,
+    values: np.ndarray,
+) -> Any:
+    """Take in ``frames[i]``: find its message, check it, and decode it where it may be used.
+
+    ``state``: int64 of :func:`receive_state_size`; ``accept``: uint8 (messages), 0 for messages that are
+    not to be taken from the bus; ``mode``: OFF, OBSERVE or ENFORCE; ``values``: float64 (signals), written
+    only by frames that are used (:func:`~hev_can_emu.messages.protection.is_accepted` of the code).
+
+    Returns:
+        the message's index and its code.  The index is -1, and nothing happens, for unknown identifiers,
+        messages that are not accepted, remote and error frames, and frames this program sent.
+    """
+    flags = np.int64(frames[i]["flags"])
+    if flags & (REMOTE | ERROR | SENT) != 0:
+        return -1, OK
+    m = find_message(codec, frames[i]["id"], flags & EXTENDED)
+    if m < 0 or accept[m] == 0:
+        return -1, OK
+    base = m * X_COLUMNS
+    row = codec.messages[m]
+    length = np.int64(frames[i]["length"])
+    if length != row[M_WIRE_LENGTH]:
+        state[base + X_LENGTH] += 1
+        return m, LENGTH_WRONG
+    data = frames[i]["data"]
+    code = OK
+    if mode != OFF:
+        code = check(
+            protection, m, data, row[M_LENGTH], state[base + X_COUNTER : base + X_COUNTER + 1]
+        )
+        if code == CRC_WRONG:
+            state[base + X_CRC] += 1
+        elif code == COUNTER_REPEATED:
+            state[base + X_REPEATED] += 1
+        elif code == COUNTER_JUMP:
+            state[base + X_JUMP] += 1
+    if is_accepted(code, mode):
+        state[base + X_ACCEPTED] += 1
+        state[base + X_LAST_NS] = frames[i]["t_ns"]
+        out_of_range = count_out_of_range(codec, m, data)
+        state[base + X_RANGE] += out_of_range
+        state[base + X_LAST_RANGE] = out_of_range
+        decode(codec, m, data, values)
+    return m, code
