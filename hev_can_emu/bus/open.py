@@ -57,7 +57,7 @@ def open_bus(spec: str, now_ns: Callable[[], int], *, epoch_ns: int = 0) -> Bus:
     if interface == "socketcand-client":
         host, port, name = _parse_address(channel, where)
         options |= {"host": host, "port": port, "tcp_tune": True}
-        return PythonCanBus(now_ns, "socketcand", name or CHANNEL, options)
+        return PythonCanBus(now_ns, "socketcand", name or CHANNEL, options, spec=spec)
     _check_interface(interface, where)
     if interface == "socketcan" and not channel:
         raise InputError(where, "INTERFACE:CHANNEL", "no channel", "e.g. --bus socketcan:vcan0")
@@ -66,7 +66,7 @@ def open_bus(spec: str, now_ns: Callable[[], int], *, epoch_ns: int = 0) -> Bus:
     if interface == "udp_multicast" and importlib.util.find_spec("msgpack") is None:
         hint = "pip install 'hev-can-emu[multicast]'"
         raise InputError(where, "the package msgpack", "none installed", hint)
-    return PythonCanBus(now_ns, interface, channel, options)
+    return PythonCanBus(now_ns, interface, channel, options, spec=body)
 
 
 def _parse_address(text: str, where: str) -> tuple[str, int, str]:

@@ -11,9 +11,11 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import errno
+import logging
 import os
 import socket
 import threading
+import traceback
 from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -47,6 +49,7 @@ class PythonCanBus(Bus):
         interface: python-can's name of it, e.g. ``socketcan``.
         channel: e.g. ``vcan0``; '' leaves it to python-can.
         options: further arguments of ``can.Bus``, e.g. ``bitrate``.
+        spec: how the user named it, for messages; made from interface and channel otherwise.
         queue_frames: frames that may wait to be sent; more are dropped and counted.
     """
 
@@ -57,11 +60,13 @@ class PythonCanBus(Bus):
         channel: str = "",
         options: dict[str, Any] | None = None,
         *,
+        spec: str = "",
         queue_frames: int = QUEUE_FRAMES,
     ) -> None:
         super().__init__(now_ns)
         self.interface = interface
         self.channel = channel
+        self._spec = spec or (f"{interface}:{channel}" if channel else interface)
         self._options = dict(options or {})
         if interface == "socketcan":
             self._options.setdefault("fd", True)  # else FD frames are not even received
@@ -82,7 +87,7 @@ class PythonCanBus(Bus):
 
     def describe(self) -> str:
         """Return interface and channel."""
-        return f"python-can {self._spec()}"
+        return f"python-can {self._spec}"
 
     def join_hint(self) -> str:
         """Return the command that joins from another terminal; '' for ``virtual``."""
@@ -97,9 +102,6 @@ class PythonCanBus(Bus):
             hint += " --bus-kwargs " + " ".join(f"{k}={v}" for k, v in self._options.items())
         return hint
 
-    def _spec(self) -> str:
-        return f"{self.interface}:{self.channel}" if self.channel else self.interface
-
     # -- opening and closing --------------------------------------------------------------------
 
     async def _open(self) -> None:
@@ -110,7 +112,7 @@ class PythonCanBus(Bus):
         except asyncio.CancelledError:
             opening.add_done_callback(_shut_down_late)
             raise
-        name = self._spec()
+        name = self._spec
         if self.interface in _SELECTABLE:
             self._fileno = self._bus.fileno()
         if self._fileno >= 0:
@@ -128,29 +130,39 @@ class PythonCanBus(Bus):
     def _open_blocking(self) -> can.BusABC:
         import can  # takes 0.2 s and more: only when a bus is opened by it
 
+        with _LogAsNotices(self._notices):
+            return self._open_quietly(can.Bus)
+
+    def _open_quietly(self, make: Callable[..., can.BusABC]) -> can.BusABC:
         try:
             if self.interface == "socketcand":
                 # python-can itself would spin for 10 s before it gave up.
                 address = (self._options["host"], self._options["port"])
                 socket.create_connection(address, timeout=CONNECT_S).close()
-            bus = can.Bus(interface=self.interface, channel=self.channel or None, **self._options)
+            bus = make(interface=self.interface, channel=self.channel or None, **self._options)
         except Exception as error:
             # Not only CanError: drivers raise OSError, ImportError, NameError, ValueError ...
+            # A half-built bus hangs on the traceback: let it go, and complain, while that is kept off
+            # the terminal.
+            traceback.clear_frames(error.__traceback__)
             raise self._cannot_open(error) from error
         if self.interface == "udp_multicast":
             _pin_to_loopback(bus, self.channel)
         return bus
 
     def _cannot_open(self, error: Exception) -> InputError:
-        where = f"--bus {self._spec()}"
+        where = f"--bus {self._spec}"
         text = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
-        got = f"{type(error).__name__}: {text}"
+        got = f"{type(error).__name__}: {text.rstrip('.')}"
         if self.interface == "socketcan":
             number = error.errno if isinstance(error, OSError) else None
             if number in (errno.EAFNOSUPPORT, errno.EPROTONOSUPPORT) or not hasattr(
                 socket, "AF_CAN"
             ):
-                hint = "leave --bus out for the embedded bus, which needs none, or 'modprobe vcan'"
+                hint = (
+                    "leave --bus out for the embedded bus, which needs none; or, as root, "
+                    f"modprobe vcan && ip link add dev {self.channel} type vcan"
+                )
                 return InputError(where, "a kernel with SocketCAN", "one without", hint)
             if number in (errno.ENODEV, errno.ENXIO):
                 hint = f"ip link add dev {self.channel} type vcan && ip link set {self.channel} mtu 72 up"
@@ -311,6 +323,23 @@ class PythonCanBus(Bus):
             with self._work:
                 self._work.wait_for(lambda: self._stopping, FULL_WAIT_S)
         return None
+
+
+class _LogAsNotices(logging.Handler):
+    """While entered, python-can's warnings become notices, not lines on the terminal."""
+
+    def __init__(self, notices: deque[str]) -> None:
+        super().__init__(logging.WARNING)
+        self._kept = notices
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._kept.append(f"python-can: {record.getMessage()}")
+
+    def __enter__(self) -> None:
+        logging.getLogger("can").addHandler(self)
+
+    def __exit__(self, *_: object) -> None:
+        logging.getLogger("can").removeHandler(self)
 
 
 def _flags(message: can.Message) -> int:
