@@ -2,23 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 
 import msgspec
 
 from hev_can_emu.errors import InputError
+from hev_can_emu.plant.machines import Machines, MachinesFile, machines_parameters
+from hev_can_emu.plant.values import Value, si_number
 from hev_can_emu.plant.vehicle import MESHES, SHAFTS, DrivelineParameters
-from hev_can_emu.units import unit
-
-
-class Value(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A number (or a table's numbers) as written: with unit, and where it comes from."""
-
-    value: float | list[float]
-    unit: str
-    source: str = ""
-    note: str = ""
 
 
 class DrivelineFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -39,27 +30,7 @@ class VehicleFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     name: str
     provenance: str
     driveline: DrivelineFile
-    machines: dict[str, dict[str, Value]] = {}
-
-
-def si_number(given: Value, expected_unit: str, where: str) -> float:
-    """Return a single value in SI; raises InputError for a table, a non-number or a foreign dimension."""
-    if isinstance(given.value, list):
-        raise InputError(where, f"one number in {expected_unit}", f"a list of {len(given.value)}")
-    return si_list(given, expected_unit, where)[0]
-
-
-def si_list(given: Value, expected_unit: str, where: str) -> tuple[float, ...]:
-    """Return a table's values in SI; raises InputError for a non-number or a foreign dimension."""
-    used = unit(given.unit, f"{where}.unit")
-    wanted = unit(expected_unit)
-    if used.dimension != wanted.dimension:
-        raise InputError(f"{where}.unit", f"a unit of {expected_unit}", f"'{given.unit}'")
-    values = given.value if isinstance(given.value, list) else [given.value]
-    for value in values:
-        if not math.isfinite(value):
-            raise InputError(f"{where}.value", "a finite number", str(value))
-    return tuple(used.to_si(value) for value in values)
+    machines: MachinesFile | None = None
 
 
 def driveline_parameters(file: DrivelineFile, where: str) -> DrivelineParameters:
@@ -100,3 +71,11 @@ def driveline_parameters(file: DrivelineFile, where: str) -> DrivelineParameters
     )
     completed.check_possible(path)
     return completed
+
+
+def machine_parameters(file: VehicleFile, where: str) -> Machines:
+    """Return the machines' parameters in SI, checked; a file with a driveline only is refused."""
+    path = f"{where}: $.machines"
+    if file.machines is None:
+        raise InputError(path, "the machines' parameters", "nothing", "a car that runs needs them")
+    return machines_parameters(file.machines, path)

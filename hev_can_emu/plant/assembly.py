@@ -1,0 +1,109 @@
+"""From a car's parameters to a plant that steps: packed constants, and the state to start from."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from hev_can_emu.plant import battery, contactors, driveline, powertrain, thermal
+from hev_can_emu.plant.bank import Bank, build_bank
+from hev_can_emu.plant.machines import Machines
+from hev_can_emu.plant.powertrain import Plant
+from hev_can_emu.plant.reduction import reduced
+from hev_can_emu.plant.structure import Structure, full_order
+from hev_can_emu.plant.vehicle import DrivelineParameters
+
+MODELS = ("4dof", "16dof")
+
+
+class Start(NamedTuple):
+    """Where a run starts: the car at rest on a level road.
+
+    Attributes:
+        state_of_charge: 0 to 1.
+        temperature: of everything, K.
+        closed: contactors closed and DC link charged.
+    """
+
+    state_of_charge: float = 0.6
+    temperature: float = 293.15
+    closed: bool = True
+
+
+def driveline_structure(
+    parameters: DrivelineParameters, model: str, reduction: str = "load-weighted"
+) -> Structure:
+    """Return the structure of ``model``, one of :data:`MODELS`; raises ValueError for another."""
+    if model == "16dof":
+        return full_order(parameters)
+    if model == "4dof":
+        return reduced(parameters, reduction)
+    raise ValueError(f"model: expected one of {MODELS}, got {model!r}")
+
+
+def build_plant(parameters: DrivelineParameters, machines: Machines, structure: Structure) -> Plant:
+    """Prepare all propagators (about 50 ms for the full model) and pack the machines' parameters."""
+    bank: Bank = build_bank(structure, powertrain.PERIOD)
+    radius = parameters.tyre_radius
+    mass = parameters.inertias["Jv"] / radius**2
+    coolant = machines.engine_coolant
+    shorted1, shorted2 = machines.em1.short_circuit, machines.em2.short_circuit
+    car = np.array(
+        [
+            radius,
+            coolant.capacity,
+            1.0 / coolant.resistance,
+            shorted1.peak_torque,
+            shorted1.speed,
+            shorted2.peak_torque,
+            shorted2.speed,
+        ]
+    )
+    return Plant(
+        bank=bank,
+        engine=machines.engine.pack(),
+        em1=machines.em1.motor.pack(),
+        em2=machines.em2.motor.pack(),
+        control1=machines.em1.speed_control.pack(),
+        control2=machines.em2.speed_control.pack(),
+        battery=machines.battery.pack(),
+        contactors=machines.contactors.pack(),
+        thermal1=machines.em1.thermal.pack(),
+        thermal2=machines.em2.thermal.pack(),
+        brakes=machines.brakes.pack(),
+        road=machines.road.pack(mass, radius),
+        synchronizer=machines.synchronizer.pack(),
+        clutch=machines.clutch.pack(),
+        car=car,
+    )
+
+
+def start_state(
+    plant: Plant, start: Start
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64], npt.NDArray[np.float64]]:
+    """Return the float64 state, the int64 state and the truth at the start."""
+    x = np.zeros(powertrain.X_DRIVELINE + plant.bank.flow.shape[3])
+    n = np.zeros(driveline.N_INTEGERS, dtype=np.int64)
+    n[driveline.SIGN : driveline.SIGN + driveline.N_LOCKS] = 1
+    x[powertrain.X_BATTERY + battery.X_SOC] = start.state_of_charge
+    x[powertrain.X_BATTERY + battery.X_TEMPERATURE] = start.temperature
+    for offset in (powertrain.X_THERMAL1, powertrain.X_THERMAL2):
+        x[offset + thermal.X_WINDING] = x[offset + thermal.X_INVERTER] = start.temperature
+    x[powertrain.X_COOLANT] = start.temperature
+    limits = np.zeros(battery.N_LIM)
+    battery.battery_limits(
+        plant.battery, x[powertrain.X_BATTERY : powertrain.X_BATTERY + battery.N_STATE], limits
+    )
+    voltage = float(limits[battery.LIM_OCV])
+    if start.closed:
+        x[powertrain.X_CONTACTORS + contactors.X_PHASE] = contactors.CLOSED
+        x[powertrain.X_CONTACTORS + contactors.X_LINK_VOLTAGE] = voltage
+    y = np.zeros(len(powertrain.TRUTH))
+    y[powertrain.Y_BATTERY_VOLTAGE] = voltage
+    y[powertrain.Y_LINK_VOLTAGE] = x[powertrain.X_CONTACTORS + contactors.X_LINK_VOLTAGE]
+    y[powertrain.Y_CONTACTOR_PHASE] = x[powertrain.X_CONTACTORS + contactors.X_PHASE]
+    y[powertrain.Y_AMBIENT] = start.temperature
+    powertrain.observe(plant, x, n, np.zeros(driveline.N_PORTS + driveline.N_LOCKS), y)
+    return x, n, y
