@@ -187,6 +187,9 @@ class _Resolver:
         if key not in signals:
             raise self._refuse(steps, f"a signal of {message.name}", key, signals)
         signal = signals[key]
+        if message.protection and not message.protection.bits().isdisjoint(signal.bits()):
+            got = f"'{key}', which the protection of {message.name} writes"
+            raise InputError(self._locate(steps), "a signal that carries a value", got)
         full = Tie(port=tie) if isinstance(tie, str) else tie
         index = self._port(steps, full.port, receive)
         measured = self._unit(

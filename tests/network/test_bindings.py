@@ -359,6 +359,16 @@ def test_the_shape_is_checked(foreign: Database, old: str, new: str) -> None:
     assert "expected" in str(caught.value)
 
 
+def test_counters_and_check_codes_carry_no_port(network: Database) -> None:
+    text = (ROOT / "hev.bindings.yaml").read_text()
+    with pytest.raises(InputError) as caught:
+        bind(network, text.replace("      EngineSpeed:", "      EMS_Status_Counter:"))
+    assert str(caught.value).endswith(
+        "$.messages.EMS_Status.status.EMS_Status_Counter: expected a signal that carries a value, "
+        "got 'EMS_Status_Counter', which the protection of EMS_Status writes"
+    )
+
+
 def test_without_a_file_the_path_is_told(foreign: Database) -> None:
     raw: dict[str, Any] = {"version": 1, "nodes": {"X": {"role": "emulated"}}, "messages": {}}
     with pytest.raises(InputError) as caught:
