@@ -81,7 +81,7 @@ unit-compiled: $(WARMED)
 	@echo "== tests of wall-clock time"
 	@$(PYTEST) -q -m realtime --cov --cov-append --cov-report= || test $$? -eq 5
 	@echo "== all other tests"
-	@$(PYTEST) -q -n 2 -m "not realtime" --cov --cov-append --cov-report=term
+	@$(PYTEST) -q -n 2 --dist loadgroup -m "not realtime" --cov --cov-append --cov-report=term
 
 wheel-smoke: $(WARMED) ## build the wheel and try it in a fresh environment
 	@$(PYTEST) -q -m wheel
