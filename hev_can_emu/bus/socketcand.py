@@ -71,6 +71,7 @@ class SocketcandBus(Bus):
         self._server: asyncio.Server | None = None
         self._beacon: asyncio.Task[None] | None = None
         self._all_gone = asyncio.Event()
+        self._outbox: list[tuple[bytes, str]] = []  # RECORD bytes and their time stamp
         self._unfit_told = False
 
     def describe(self) -> str:
@@ -143,6 +144,7 @@ class SocketcandBus(Bus):
         if self._server is not None:
             self._server.close()
             self._server = None
+        self._write_outbox()
         for client in list(self._clients):
             client.finish()
         if self._clients:
@@ -155,19 +157,34 @@ class SocketcandBus(Bus):
                     client.abort()
 
     def _send(self, raw: bytes, count: int) -> None:
-        text, unfit = protocol.format_frames(raw, self._stamp())
-        self._sent += count - unfit
-        if unfit:
-            self._errors += unfit
-            if not self._unfit_told:
-                self._unfit_told = True
-                self._notices.append(
-                    "CAN FD and remote frames are not sent: socketcand carries classic data frames "
-                    "only; use --bus socketcan:vcan0 or --bus udp_multicast:239.74.163.2"
-                )
-        if text:
+        # Sockets are written once the caller's turn on the loop is over, all its frames at once.
+        if not self._outbox:
+            asyncio.get_running_loop().call_soon(self._write_outbox)
+        self._outbox.append((raw, self._stamp()))
+        self._sent += count
+
+    def _write_outbox(self) -> None:
+        """Write what was sent since the last turn of the loop: once to each client."""
+        texts = []
+        for raw, stamp in self._outbox:
+            text, unfit = protocol.format_frames(raw, stamp)
+            texts.append(text)
+            if unfit:
+                self._tell_unfit(unfit)
+        self._outbox.clear()
+        if joined := b"".join(texts):
             for client in list(self._joined):
-                client.deliver(text)
+                client.deliver(joined)
+
+    def _tell_unfit(self, count: int) -> None:
+        self._sent -= count
+        self._errors += count
+        if not self._unfit_told:
+            self._unfit_told = True
+            self._notices.append(
+                "CAN FD and remote frames are not sent: socketcand carries classic data frames "
+                "only; use --bus socketcan:vcan0 or --bus udp_multicast:239.74.163.2"
+            )
 
     def _stamp(self) -> str:
         return protocol.format_stamp(self._epoch_ns + self._now_ns())
@@ -180,6 +197,7 @@ class SocketcandBus(Bus):
 
     def join(self, client: _Client) -> None:
         """Let ``client`` receive from now on."""
+        self._write_outbox()
         self._joined.append(client)
         self._notices.append(f"{client.name} joined")
 
@@ -201,6 +219,7 @@ class SocketcandBus(Bus):
 
     def relay(self, sender: _Client, frames: list[protocol.Send]) -> None:
         """Carry what ``sender`` sent to every other node."""
+        self._write_outbox()  # one order of frames for all
         for can_id, flags, data in frames:
             self._accept(can_id, flags, data)
         if len(self._joined) > 1:
