@@ -89,7 +89,10 @@ def translate(error: msgspec.ValidationError, data: Any, type_: Any) -> Complain
         expected = "one of " + ", ".join(choices) if len(choices) != 1 else choices[0]
         return Complaint(steps, expected, describe(value), hint)
     if (kind := re.fullmatch(r"Expected `([^`]*)`(?P<rest>.*?)(, got `[^`]*`)?", text)) is not None:
-        wanted = [_WORDS.get(part, part) for part in kind[1].split(" | ") if part != "null"]
+        kinds = [part for part in kind[1].split(" | ") if part != "null"]
+        if "float" in kinds and "int" in kinds:
+            kinds.remove("int")
+        wanted = [_WORDS.get(part, part) for part in kinds]
         return Complaint(steps, " or ".join(wanted) + kind["rest"], describe(value), _hint(value))
     return Complaint(steps, "a usable entry", text, "")
 
