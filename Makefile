@@ -69,12 +69,12 @@ unit: unit-interpreted ## run all tests with coverage of compiled and plain code
 # Coverage does not see compiled bodies: these run as plain Python.
 unit-interpreted: $(INSTALLED) ## run the kernels' tests without the compiler, for coverage
 	@echo "== kernels as plain Python"
-	@NUMBA_DISABLE_JIT=1 $(PYTEST) -q -m kernels --cov --cov-report=
+	@NUMBA_DISABLE_JIT=1 $(PYTEST) -q -m "kernels and not realtime" --cov --cov-report=
 
 # A read past an array's end gives silent rubbish in compiled code, unless checked.
 unit-checked: $(INSTALLED) ## run the kernels' tests compiled with bounds checks
 	@echo "== kernels with bounds checks"
-	@NUMBA_BOUNDSCHECK=1 $(PYTEST) -q -m kernels
+	@NUMBA_BOUNDSCHECK=1 $(PYTEST) -q -m "kernels and not realtime"
 
 # Adds to the coverage of unit-interpreted. Tests of wall-clock time have the machine to themselves.
 unit-compiled: $(WARMED)
@@ -87,7 +87,7 @@ wheel-smoke: $(WARMED) ## build the wheel and try it in a fresh environment
 	@$(PYTEST) -q -m wheel
 
 bench: $(WARMED) ## measure; figures go to the terminal
-	@for bench in benchmarks/bench_*.py; do echo "== $$bench"; $(BIN)/python $$bench || exit 1; done
+	@for bench in benchmarks/[a-z]*.py; do echo "== $$bench"; $(BIN)/python $$bench || exit 1; done
 
 lock: $(INSTALLED) ## lock the dependencies anew (UPGRADE=1: to their latest releases)
 	@$(BIN)/python -m pip install --quiet uv==$(UV_VERSION)

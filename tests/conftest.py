@@ -1,4 +1,4 @@
-"""What all tests share: the random tests' settings and the repository's root."""
+"""What all tests share: random tests' settings, the repository's root, which tests run kernels."""
 
 import os
 from pathlib import Path
@@ -16,8 +16,24 @@ settings.register_profile(
 settings.register_profile("explore", max_examples=1000, **_COMMON)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "fixed"))
 
+TESTS = Path(__file__).resolve().parent
+
+# Rooms whose tests run compiled bodies: they also run as plain Python and with bounds checks, save
+# those marked `compiled` because they would take too long so.
+KERNEL_ROOMS = frozenset({"machines", "plant", "messages", "ecu"})
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests of the rooms above, before `-m` chooses."""
+    for item in items:
+        if item.path.relative_to(TESTS).parts[0] in KERNEL_ROOMS and not any(
+            item.iter_markers("compiled")
+        ):
+            item.add_marker("kernels")
+
 
 @pytest.fixture(scope="session")
 def repository() -> Path:
     """The repository's root."""
-    return Path(__file__).resolve().parent.parent
+    return TESTS.parent
