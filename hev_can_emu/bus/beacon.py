@@ -23,13 +23,7 @@ def beacon_text(host: str, port: int, channel: str) -> bytes:
     ).encode()
 
 
-async def send_beacons(
-    host: str,
-    port: int,
-    channel: str,
-    beacon_port: int = BEACON_PORT,
-    period_s: float = BEACON_PERIOD_S,
-) -> None:
+async def send_beacons(host: str, port: int, channel: str, beacon_port: int) -> None:
     """Send beacons until cancelled."""
     datagram = beacon_text(host, port, channel)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
@@ -38,4 +32,4 @@ async def send_beacons(
             # Nobody listening is told as "connection refused" on the next send.
             with contextlib.suppress(OSError):
                 sender.sendto(datagram, ("127.0.0.1", beacon_port))
-            await asyncio.sleep(period_s)
+            await asyncio.sleep(BEACON_PERIOD_S)

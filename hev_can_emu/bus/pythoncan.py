@@ -9,20 +9,16 @@ nowhere else.
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import errno
-import logging
-import os
-import socket
 import threading
-import traceback
 from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from hev_can_emu.bus.echo import EchoFilter
 from hev_can_emu.bus.port import RECORD, Bus
-from hev_can_emu.errors import BusError, InputError
+from hev_can_emu.bus.pythoncan_opening import Target, open_target
+from hev_can_emu.errors import BusError
 from hev_can_emu.messages.frame import BRS, ERROR, EXTENDED, FD, REMOTE
 
 if TYPE_CHECKING:
@@ -31,7 +27,6 @@ if TYPE_CHECKING:
 QUEUE_FRAMES = 8192  #: frames waiting to be sent (some 2 s of a full 500 kbit/s bus)
 READS_PER_TURN = 256  #: frames read before the loop gets its turn
 POLL_S = 0.2  #: how often a reading thread looks whether it should end
-CONNECT_S = 3.0  #: how long a socketcand server may take to answer
 CLOSE_S = 2.0  #: on closing, queued frames get this long to leave
 FULL_WAIT_S = 0.001  #: pause before a frame is tried again that the driver's full queue refused
 FULL_TRIES = 500
@@ -106,18 +101,17 @@ class PythonCanBus(Bus):
 
     async def _open(self) -> None:
         # Shielded: a cancelled opening still ends with a closed bus, not with a leaked one.
-        opening = asyncio.ensure_future(asyncio.to_thread(self._open_blocking))
+        target = Target(self.interface, self.channel, self._options, self._spec)
+        opening = asyncio.ensure_future(
+            asyncio.to_thread(open_target, target, self._notices.append)
+        )
         try:
             self._bus = await asyncio.shield(opening)
         except asyncio.CancelledError:
             opening.add_done_callback(_shut_down_late)
             raise
         name = self._spec
-        if self.interface in _SELECTABLE:
-            self._fileno = self._bus.fileno()
-        if self._fileno >= 0:
-            asyncio.get_running_loop().add_reader(self._fileno, self._read_ready)
-        else:
+        if not self._watch():
             self._reader = threading.Thread(
                 target=self._read_loop, name=f"bus-read {name}", daemon=True
             )
@@ -127,62 +121,17 @@ class PythonCanBus(Bus):
         )
         self._sender.start()
 
-    def _open_blocking(self) -> can.BusABC:
-        import can  # takes 0.2 s and more: only when a bus is opened by it
-
-        with _LogAsNotices(self._notices):
-            return self._open_quietly(can.Bus)
-
-    def _open_quietly(self, make: Callable[..., can.BusABC]) -> can.BusABC:
+    def _watch(self) -> bool:
+        """Have the loop read the bus; returns False where that is impossible."""
+        if self.interface not in _SELECTABLE or self._bus is None:
+            return False
+        fileno = self._bus.fileno()
         try:
-            if self.interface == "socketcand":
-                # python-can itself would spin for 10 s before it gave up.
-                address = (self._options["host"], self._options["port"])
-                socket.create_connection(address, timeout=CONNECT_S).close()
-            bus = make(interface=self.interface, channel=self.channel or None, **self._options)
-        except Exception as error:
-            # Not only CanError: drivers raise OSError, ImportError, NameError, ValueError ...
-            # A half-built bus hangs on the traceback: let it go, and complain, while that is kept off
-            # the terminal.
-            traceback.clear_frames(error.__traceback__)
-            raise self._cannot_open(error) from error
-        if self.interface == "udp_multicast":
-            _pin_to_loopback(bus, self.channel)
-        return bus
-
-    def _cannot_open(self, error: Exception) -> InputError:
-        where = f"--bus {self._spec}"
-        text = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
-        got = f"{type(error).__name__}: {text.rstrip('.')}"
-        if self.interface == "socketcan":
-            number = error.errno if isinstance(error, OSError) else None
-            if number in (errno.EAFNOSUPPORT, errno.EPROTONOSUPPORT) or not hasattr(
-                socket, "AF_CAN"
-            ):
-                hint = (
-                    "leave --bus out for the embedded bus, which needs none; or, as root, "
-                    f"modprobe vcan && ip link add dev {self.channel} type vcan"
-                )
-                return InputError(where, "a kernel with SocketCAN", "one without", hint)
-            if number in (errno.ENODEV, errno.ENXIO):
-                hint = f"ip link add dev {self.channel} type vcan && ip link set {self.channel} mtu 72 up"
-                return InputError(
-                    where, "an existing CAN device", f"no device '{self.channel}'", hint
-                )
-            if number == errno.ENETDOWN:
-                hint = f"ip link set {self.channel} up"
-                return InputError(where, "a CAN device that is up", f"'{self.channel}' down", hint)
-        if self.interface == "udp_multicast":
-            hint = (
-                "it needs the extra python-can[multicast], a multicast address "
-                "such as 239.74.163.2, and a route: ip route add 239.0.0.0/8 dev lo"
-            )
-            return InputError(where, "a multicast group that can be joined", got, hint)
-        if self.interface == "socketcand":
-            hint = "start it first: hev-can-emu run, or socketcand"
-            return InputError(where, "a socketcand server that answers", got, hint)
-        hint = "are its driver and python-can's extra for it installed, and the channel right?"
-        return InputError(where, "a python-can bus that opens", got, hint)
+            asyncio.get_running_loop().add_reader(fileno, self._read_ready)
+        except NotImplementedError:  # Windows' default loop
+            return False
+        self._fileno = fileno
+        return True
 
     async def _close(self) -> None:
         if self._fileno >= 0:
@@ -325,23 +274,6 @@ class PythonCanBus(Bus):
         return None
 
 
-class _LogAsNotices(logging.Handler):
-    """While entered, python-can's warnings become notices, not lines on the terminal."""
-
-    def __init__(self, notices: deque[str]) -> None:
-        super().__init__(logging.WARNING)
-        self._kept = notices
-
-    def emit(self, record: logging.LogRecord) -> None:
-        self._kept.append(f"python-can: {record.getMessage()}")
-
-    def __enter__(self) -> None:
-        logging.getLogger("can").addHandler(self)
-
-    def __exit__(self, *_: object) -> None:
-        logging.getLogger("can").removeHandler(self)
-
-
 def _flags(message: can.Message) -> int:
     """Return our flags of a python-can message."""
     return (
@@ -359,19 +291,6 @@ def _error_number(error: BaseException) -> int | None:
         return error.errno
     code = getattr(error, "error_code", None)
     return code if isinstance(code, int) else None
-
-
-def _pin_to_loopback(bus: can.BusABC, group: str) -> None:
-    """Send multicast over ``lo`` alone, and hear it there; IPv6 keeps its hop limit of 0 only."""
-    with (
-        contextlib.suppress(OSError),
-        socket.socket(fileno=os.dup(bus.fileno())) as shared,
-    ):
-        local = socket.inet_aton("127.0.0.1")
-        address = socket.inet_aton(group)
-        shared.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, address + local)
-        shared.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, local)
-        shared.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)
 
 
 def _shut_down_late(opening: asyncio.Future[can.BusABC]) -> None:

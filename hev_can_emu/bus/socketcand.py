@@ -18,6 +18,7 @@ from collections.abc import Callable
 from hev_can_emu.bus import socketcand_protocol as protocol
 from hev_can_emu.bus.beacon import BEACON_PORT, send_beacons
 from hev_can_emu.bus.port import Bus
+from hev_can_emu.bus.socketcand_client import Client
 from hev_can_emu.errors import InputError
 
 DEFAULT_HOST = "127.0.0.1"
@@ -26,15 +27,7 @@ CHANNEL = "vcan0"  #: the name told to clients; any name is accepted, all mean t
 CLIENT_BUFFER_BYTES = (
     1 << 20
 )  #: what a client may leave unread (about 25,000 frames) before it is dropped
-KERNEL_BUFFER_BYTES = (
-    1 << 18
-)  #: the kernel's share of it, bounded lest it hide a stalled client for minutes
-HOLD_S = 0.03
-"""Frames wait this long after a client's rawmode.  python-can compares one whole ``recv`` with
-``< ok >``: a frame that arrives in the same segment ends its connection."""
 CLOSE_S = 1.0  #: on closing, clients get this long to take what is still buffered
-
-_QUICKACK = getattr(socket, "TCP_QUICKACK", None)  # Linux only
 
 
 class SocketcandBus(Bus):
@@ -66,8 +59,8 @@ class SocketcandBus(Bus):
         self.client_buffer = client_buffer
         self._epoch_ns = epoch_ns
         self._beacon_port = beacon_port if beacon else 0
-        self._clients: list[_Client] = []
-        self._joined: list[_Client] = []  # those past the handshake
+        self._clients: list[Client] = []
+        self._joined: list[Client] = []  # those past the handshake
         self._server: asyncio.Server | None = None
         self._beacon: asyncio.Task[None] | None = None
         self._all_gone = asyncio.Event()
@@ -98,7 +91,7 @@ class SocketcandBus(Bus):
         try:
             # IPv4 only: python-can's client knows no other.
             self._server = await loop.create_server(
-                lambda: _Client(self), self.host, self.port, family=socket.AF_INET
+                lambda: Client(self), self.host, self.port, family=socket.AF_INET
             )
         except OSError as error:
             raise self._cannot_listen(error) from error
@@ -191,17 +184,17 @@ class SocketcandBus(Bus):
 
     # -- called by clients ----------------------------------------------------------------------
 
-    def attach(self, client: _Client) -> None:
+    def attach(self, client: Client) -> None:
         """Know ``client`` from its connection on."""
         self._clients.append(client)
 
-    def join(self, client: _Client) -> None:
+    def join(self, client: Client) -> None:
         """Let ``client`` receive from now on."""
         self._write_outbox()
         self._joined.append(client)
         self._notices.append(f"{client.name} joined")
 
-    def detach(self, client: _Client) -> None:
+    def detach(self, client: Client) -> None:
         """Forget ``client``, whose connection has ended."""
         self._clients.remove(client)
         if client in self._joined:
@@ -210,14 +203,14 @@ class SocketcandBus(Bus):
         if not self._clients:
             self._all_gone.set()
 
-    def expel(self, client: _Client, reason: str) -> None:
+    def expel(self, client: Client, reason: str) -> None:
         """Send nothing more to ``client``, whose connection is being closed for ``reason``."""
         self._errors += 1
         if client in self._joined:
             self._joined.remove(client)
         self._notices.append(f"{client.name} disconnected: {reason}")
 
-    def relay(self, sender: _Client, frames: list[protocol.Send]) -> None:
+    def relay(self, sender: Client, frames: list[protocol.Send]) -> None:
         """Carry what ``sender`` sent to every other node."""
         self._write_outbox()  # one order of frames for all
         for can_id, flags, data in frames:
@@ -229,120 +222,10 @@ class SocketcandBus(Bus):
                 if client is not sender:
                     client.deliver(text)
 
-    def refuse(self, client: _Client, reason: str) -> None:
+    def refuse(self, client: Client, reason: str) -> None:
         """Count and tell a frame or command that cannot be served."""
         self._errors += 1
         self._notices.append(f"{client.name}: {reason.replace('-', ' ')}")
-
-
-class _Client(asyncio.Protocol):
-    """One connection: handshake, hold, then frames both ways."""
-
-    def __init__(self, bus: SocketcandBus) -> None:
-        self.name = "client"
-        self._bus = bus
-        self._parser = protocol.Parser()
-        self._opened = False
-        self._raw = False
-        self._held: list[bytes] | None = None  # frames kept back after rawmode
-        self._held_bytes = 0
-        self._release_timer: asyncio.TimerHandle | None = None
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        assert isinstance(transport, asyncio.Transport)
-        self._transport = transport
-        self._socket = transport.get_extra_info("socket")
-        peer = transport.get_extra_info("peername")
-        self.name = f"client {peer[0]}:{peer[1]}" if peer else "client"
-        with contextlib.suppress(OSError):  # the peer may be gone already
-            self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, KERNEL_BUFFER_BYTES)
-        self._acknowledge_now()
-        self._bus.attach(self)
-        transport.write(protocol.HI)
-
-    def data_received(self, data: bytes) -> None:
-        self._acknowledge_now()
-        elements, error = self._parser.feed(data)
-        frames: list[protocol.Send] = []
-        for element in elements:
-            if isinstance(element, protocol.Send) and self._raw:
-                frames.append(element)
-            else:
-                error = self._obey(element) or error
-        if frames:
-            self._release()
-            self._bus.relay(self, frames)
-        if error is not None:
-            self._bus.expel(self, str(error))
-            self._transport.write(f"< error {error} >".encode("ascii", "replace"))
-            self._transport.close()
-
-    def connection_lost(self, error: Exception | None) -> None:
-        if self._release_timer is not None:
-            self._release_timer.cancel()
-        self._bus.detach(self)
-
-    def deliver(self, text: bytes) -> None:
-        """Send frames, or keep them while holding; drops this client if it does not read."""
-        if self._held is not None:
-            self._held.append(text)
-            self._held_bytes += len(text)
-            unread = self._held_bytes
-        else:
-            self._transport.write(text)
-            unread = self._transport.get_write_buffer_size()
-        if unread > self._bus.client_buffer:
-            self._bus.expel(self, f"it does not read ({unread} bytes waiting)")
-            self._transport.abort()
-
-    def finish(self) -> None:
-        """Close, having sent what is held and buffered."""
-        self._release()
-        self._transport.close()
-
-    def abort(self) -> None:
-        """Close at once."""
-        self._transport.abort()
-
-    def _obey(self, element: protocol.Element) -> protocol.ProtocolError | None:
-        """Carry out one command; returns what is wrong with it at this point."""
-        if isinstance(element, protocol.Refusal):
-            self._bus.refuse(self, element.reason)
-            self._transport.write(f"< error {element.reason} >".encode())
-        elif isinstance(element, protocol.Echo):
-            self._transport.write(protocol.ECHO)
-        elif isinstance(element, protocol.Open) and not self._opened:
-            self._opened = True
-            self._transport.write(protocol.OK)
-        elif isinstance(element, protocol.RawMode) and self._opened and not self._raw:
-            self._raw = True
-            self._held = []
-            self._transport.write(protocol.OK)
-            self._bus.join(self)
-            self._release_timer = asyncio.get_running_loop().call_later(HOLD_S, self._release)
-        else:
-            command = type(element).__name__.lower()
-            return protocol.ProtocolError(f"expected open, then rawmode, got '{command}'")
-        return None
-
-    def _release(self) -> None:
-        """End the hold: a client that sends, or has had time, has read its last ``< ok >``."""
-        if self._release_timer is not None:
-            self._release_timer.cancel()
-            self._release_timer = None
-        if self._held is not None:
-            text = b"".join(self._held)
-            self._held = None
-            if text:
-                self._transport.write(text)
-
-    def _acknowledge_now(self) -> None:
-        # Linux falls back to delayed acknowledgements by itself, so it is asked anew on every read:
-        # a client with Nagle's algorithm on would otherwise wait up to 40 ms for its next segment.
-        if _QUICKACK is not None:
-            with contextlib.suppress(OSError):
-                self._socket.setsockopt(socket.IPPROTO_TCP, _QUICKACK, 1)
 
 
 def _is_loopback(host: str) -> bool:
