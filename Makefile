@@ -112,7 +112,7 @@ system:
 $(INSTALLED):
 	@if ! $(BIN)/python -c 'import sys, pip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null \
 		|| ! grep -qF "$(CURDIR)/$(VENV)/bin/python" $(BIN)/pip; then \
-		for python in $(PYTHON) $(PYTHONS); do \
+		found=; for python in $(PYTHON) $(PYTHONS); do \
 			"$$python" -c 'import sys, ensurepip, venv; sys.exit(sys.version_info < (3, 11))' \
 				2>/dev/null && found="$$python" && break; \
 		done; \

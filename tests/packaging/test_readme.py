@@ -167,8 +167,15 @@ def test_set_up_lines_are_targets(repository: Path) -> None:
     lines = [line for b in blocks if b.how == "setup" for line in b.text.splitlines()]
     assert "make demo" in lines
     assert "make test" in lines
+    # As from a terminal of its own, not as part of the make that may be running this test.
+    environment = {key: value for key, value in os.environ.items() if not key.startswith("MAKE")}
     listed = subprocess.run(
-        ["make", "help"], cwd=repository, capture_output=True, text=True, check=True
+        ["make", "help"],
+        cwd=repository,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
     )
     targets = {line.split()[1] for line in listed.stdout.splitlines()}
     for line in lines:
