@@ -49,7 +49,7 @@ class Counters(NamedTuple):
 
 
 class Bus(ABC):
-    """One CAN bus, opened by ``async with`` and used from one asyncio loop.
+    """One CAN bus, opened once by ``async with`` and used from one asyncio loop.
 
     Args:
         now_ns: the clock that stamps received frames, in ns.
@@ -68,6 +68,7 @@ class Bus(ABC):
         self._lost: BusError | None = None
         self._notices: deque[str] = deque(maxlen=NOTICES)
         self._loop: asyncio.AbstractEventLoop | None = None
+        self._entered = False
         self._arrived = asyncio.Event()
         self._waiting = False
 
@@ -97,8 +98,9 @@ class Bus(ABC):
 
     async def __aenter__(self) -> Self:
         """Open the bus; raises InputError (cannot be opened as asked) or BusError."""
-        if self._loop is not None:
-            raise StateError(f"{self.describe()} is open already")
+        if self._entered:
+            raise StateError(f"{self.describe()} was opened before; make another bus")
+        self._entered = True
         self._loop = asyncio.get_running_loop()
         try:
             await self._open()

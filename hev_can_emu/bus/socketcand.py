@@ -24,9 +24,8 @@ from hev_can_emu.errors import InputError
 DEFAULT_HOST = "127.0.0.1"
 DEFAULT_PORT = 29_536
 CHANNEL = "vcan0"  #: the name told to clients; any name is accepted, all mean the same bus
-CLIENT_BUFFER_BYTES = (
-    1 << 20
-)  #: what a client may leave unread (about 25,000 frames) before it is dropped
+CLIENT_BUFFER_BYTES = 1 << 20
+"""What a client may leave unread, about 16,000 frames, before it is dropped."""
 CLOSE_S = 1.0  #: on closing, clients get this long to take what is still buffered
 
 
@@ -68,7 +67,7 @@ class SocketcandBus(Bus):
         self._unfit_told = False
 
     def describe(self) -> str:
-        """Return address and number of clients."""
+        """Return the address."""
         return f"embedded socketcand server on {self.host}:{self.port}"
 
     def join_hint(self) -> str:
@@ -222,10 +221,11 @@ class SocketcandBus(Bus):
                 if client is not sender:
                     client.deliver(text)
 
-    def refuse(self, client: Client, reason: str) -> None:
-        """Count and tell a frame or command that cannot be served."""
+    def refuse(self, client: Client, reason: str, *, tell: bool) -> None:
+        """Count, and tell, a frame or command that cannot be served."""
         self._errors += 1
-        self._notices.append(f"{client.name}: {reason.replace('-', ' ')}")
+        if tell:
+            self._notices.append(f"{client.name}: {reason.replace('-', ' ')}")
 
 
 def _is_loopback(host: str) -> bool:

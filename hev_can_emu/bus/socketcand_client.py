@@ -9,9 +9,8 @@ from typing import Protocol
 
 from hev_can_emu.bus import socketcand_protocol as protocol
 
-KERNEL_BUFFER_BYTES = (
-    1 << 18
-)  #: the kernel's share of it, bounded lest it hide a stalled client for minutes
+KERNEL_BUFFER_BYTES = 1 << 18
+"""The kernel's own buffer of a client, bounded lest it hide for minutes that nobody reads."""
 HOLD_S = 0.03
 """Frames wait this long after a client's rawmode.  python-can compares one whole ``recv`` with
 ``< ok >``: a frame that arrives in the same segment ends its connection."""
@@ -41,8 +40,8 @@ class Hub(Protocol):
     def relay(self, sender: Client, frames: list[protocol.Send]) -> None:
         """Carry what ``sender`` sent to every other node."""
 
-    def refuse(self, client: Client, reason: str) -> None:
-        """Count and tell a frame or command that cannot be served."""
+    def refuse(self, client: Client, reason: str, *, tell: bool) -> None:
+        """Count, and tell, a frame or command that cannot be served."""
 
 
 class Client(asyncio.Protocol):
@@ -57,6 +56,7 @@ class Client(asyncio.Protocol):
         self._held: list[bytes] | None = None  # frames kept back after rawmode
         self._held_bytes = 0
         self._release_timer: asyncio.TimerHandle | None = None
+        self._told: set[str] = set()  # reasons of refusals, each told once
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Greet; called by the loop."""
@@ -121,8 +121,11 @@ class Client(asyncio.Protocol):
     def _obey(self, element: protocol.Element) -> protocol.ProtocolError | None:
         """Carry out one command; returns what is wrong with it at this point."""
         if isinstance(element, protocol.Refusal):
-            self._hub.refuse(self, element.reason)
-            self._transport.write(f"< error {element.reason} >".encode())
+            first = element.reason not in self._told
+            self._told.add(element.reason)
+            self._hub.refuse(self, element.reason, tell=first)
+            if first:
+                self._transport.write(f"< error {element.reason} >".encode())
         elif isinstance(element, protocol.Echo):
             self._transport.write(protocol.ECHO)
         elif isinstance(element, protocol.Open) and not self._opened:

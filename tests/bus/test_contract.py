@@ -96,12 +96,14 @@ def test_drain_respects_capacity_and_never_waits(kind: str) -> None:
     run(test())
 
 
-def test_sending_on_a_closed_bus_is_misuse(kind: str) -> None:
+def test_a_closed_bus_stays_closed(kind: str) -> None:
     async def test() -> None:
         async with bus_and_peer(kind) as (bus, _):
             pass
         with pytest.raises(StateError):
             bus.send(batch(FRAMES[0]), 1)
+        with pytest.raises(StateError):
+            await bus.__aenter__()
 
     run(test())
 
