@@ -16,26 +16,17 @@ from __future__ import annotations
 import ast
 import math
 import re
-from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import NamedTuple
 
-from hev_can_emu.errors import InputError, did_you_mean
+from hev_can_emu.errors import did_you_mean
+from hev_can_emu.scenario.evaluation import Function, Item, build, literal
 from hev_can_emu.scenario.place import Place
+from hev_can_emu.scenario.quantities import WORDS, Parameter, take_quantities
 from hev_can_emu.scenario.signals import Signal, Signals
 from hev_can_emu.units import Unit, unit
 
 MAX_LENGTH = 2000
-
-Item = Callable[[int], float]
-#: ``(values.item, seen_ns.item, t_s, since_step_s)`` to a number or a truth value
-Function = Callable[[Item, Item, float, float], Any]
-
-
-class Parameter(NamedTuple):
-    """A named constant; ``unit`` is empty for a plain number."""
-
-    value: float
-    unit: str
 
 
 class Expression(NamedTuple):
@@ -72,12 +63,7 @@ class _Code(NamedTuple):
     margin: str | None = None
 
 
-_NUMBER = re.compile(r"(?<![\w.])(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
-_UNIT = re.compile(r"\s*(N m\b|1/[A-Za-z]+|[A-Za-zµμΩ°%‰][\w%]*(?:[·/][A-Za-z][\w]*)*)")
-_QUOTED = re.compile(r"'[^']*'|\"[^\"]*\"")
-_WORDS = {"and", "or", "not", "in", "is", "if", "else"}
-_PLACEHOLDER = "_quantity_"
-_FUNCTIONS = {
+FUNCTIONS = {
     "abs": (1, 1),
     "min": (2, 8),
     "max": (2, 8),
@@ -91,7 +77,7 @@ _FUNCTIONS = {
     "age": (1, 1),
 }
 #: Words that no parameter may be called.
-RESERVED = frozenset({*_FUNCTIONS, *_WORDS, "t", "since_step", "end"})
+RESERVED = frozenset({*FUNCTIONS, *WORDS, "t", "since_step", "end"})
 _OPERATORS: dict[type[ast.operator], str] = {
     ast.Add: "+",
     ast.Sub: "-",
@@ -106,67 +92,6 @@ _COMPARISONS: dict[type[ast.cmpop], str] = {
     ast.GtE: ">=",
     ast.Eq: "==",
     ast.NotEq: "!=",
-}
-
-
-def _divide(a: float, b: float) -> float:
-    return a / b if b else math.nan
-
-
-def _power(a: float, b: float) -> float:
-    try:
-        result = a**b
-    except (ZeroDivisionError, OverflowError):
-        return math.nan
-    return math.nan if isinstance(result, complex) else result
-
-
-def _root(a: float) -> float:
-    return math.sqrt(a) if a >= 0.0 else math.nan
-
-
-def _sign(a: float) -> float:
-    return a if a != a or a == 0.0 else math.copysign(1.0, a)
-
-
-def _least(*values: float) -> float:
-    return math.nan if any(value != value for value in values) else min(values)
-
-
-def _greatest(*values: float) -> float:
-    return math.nan if any(value != value for value in values) else max(values)
-
-
-def _clip(value: float, low: float, high: float) -> float:
-    return _greatest(low, _least(value, high))
-
-
-def _equal(a: float, b: float) -> bool:
-    return a == b or abs(a - b) <= 1e-9 * max(abs(a), abs(b))
-
-
-def _unequal(a: float, b: float) -> bool:
-    return a == a and b == b and not _equal(a, b)
-
-
-def _age(t: float, seen_ns: float) -> float:
-    return t - seen_ns * 1e-9 if seen_ns >= 0 else math.nan
-
-
-_NAMESPACE = {
-    "__builtins__": {},
-    "abs": abs,
-    "_divide": _divide,
-    "_power": _power,
-    "_root": _root,
-    "_sign": _sign,
-    "_least": _least,
-    "_greatest": _greatest,
-    "_clip": _clip,
-    "_equal": _equal,
-    "_unequal": _unequal,
-    "_age": _age,
-    "_nan": math.nan,
 }
 
 
@@ -206,9 +131,9 @@ class _Compiler:
         code = self._node(self._parse())
         return Expression(
             text=self._text,
-            function=_build(code.source),
+            function=build(code.source),
             boolean=code.boolean,
-            margin=None if code.margin is None else _build(code.margin),
+            margin=None if code.margin is None else build(code.margin),
             unit=code.unit,
             signals=tuple(self._read.values()),
         )
@@ -217,7 +142,7 @@ class _Compiler:
         if len(self._text) > MAX_LENGTH:
             got = f"{len(self._text)} characters"
             raise self._place.refuse(f"an expression of at most {MAX_LENGTH} characters", got)
-        plain = self._take_quantities(" ".join(self._text.split()))
+        plain, self._quantities = take_quantities(" ".join(self._text.split()), self._place)
         try:
             return ast.parse(plain, mode="eval").body
         except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
@@ -227,41 +152,6 @@ class _Compiler:
             elif "&" in self._text or "|" in self._text or "!" in self._text.replace("!=", ""):
                 hint = "write 'and', 'or', 'not'"
             raise self._place.refuse("an expression", f"'{self._text}'", hint) from error
-
-    def _take_quantities(self, text: str) -> str:
-        """Replace every number with a unit (``20 km/h``) by a placeholder name."""
-        parts: list[str] = []
-        position = 0
-        quoted = [match.span() for match in _QUOTED.finditer(text)]
-        for match in _NUMBER.finditer(text):
-            inside = any(a <= match.start() < b for a, b in quoted)
-            if match.start() < position or inside:
-                continue
-            found = self._unit_at(text, match.end())
-            if found is None:
-                continue
-            name, end = found
-            placeholder = f"{_PLACEHOLDER}{len(self._quantities)}"
-            parts += [text[position : match.start()], placeholder]
-            self._quantities[placeholder] = Parameter(float(match.group()), name)
-            position = end
-        return "".join(parts) + text[position:]
-
-    def _unit_at(self, text: str, start: int) -> tuple[str, int] | None:
-        match = _UNIT.match(text, start)
-        if match is None or match[1] in _WORDS:
-            return None
-        name = match[1]
-        while True:  # "3 Nm/ratio" is a torque divided by a parameter
-            try:
-                unit(name)
-            except InputError:
-                if "/" not in name:
-                    break
-                name = name.rpartition("/")[0]
-            else:
-                return name, match.start(1) + len(name)
-        raise self._place.refuse("a unit", f"'{match[1]}'", _unit_hint(match[1]))
 
     def _node(self, node: ast.expr) -> _Code:
         match node:
@@ -282,7 +172,7 @@ class _Compiler:
             case ast.Constant(value=bool()):
                 pass
             case ast.Constant(value=int() | float() as value):
-                return _Code(_literal(float(value)), plain=True)
+                return _Code(literal(float(value)), plain=True)
             case ast.Name(id=name):
                 return self._name(name)
             case ast.Attribute(value=ast.Name(id=message), attr=name):
@@ -313,16 +203,16 @@ class _Compiler:
     def _name(self, name: str) -> _Code:
         if name in self._quantities:
             value, written = self._quantities[name]
-            return _Code(_literal(value), unit=unit(written))
+            return _Code(literal(value), unit=unit(written))
         if name == "t" or name == "since_step":
             return _Code(name, unit=unit("s"))
         if name in self._parameters:
             parameter = self._parameters[name]
             own = unit(parameter.unit) if parameter.unit else None
-            return _Code(_literal(parameter.value), unit=own)
+            return _Code(literal(parameter.value), unit=own)
         signal = self._signals.find(name)
         if signal is None:
-            others = [*self._parameters, *_FUNCTIONS, "t", "since_step"]
+            others = [*self._parameters, *FUNCTIONS, "t", "since_step"]
             expected, got, hint = self._signals.complain(name, others)
             if expected == "a signal":
                 expected = "a signal or parameter"
@@ -415,18 +305,21 @@ class _Compiler:
     def _labelled(self, label: str, code: _Code, node: ast.expr) -> _Code:
         if code.signal is None or not code.signal.labels:
             return self._name(label)
+        if math.isnan(code.signal.labels.get(label, 0.0)):
+            hint = f"write 'not available({code.signal.name})'"
+            raise self._place.refuse("a value to compare with", f"'{label}'", hint)
         if label in code.signal.labels:
-            return _Code(_literal(code.signal.labels[label]))
+            return _Code(literal(code.signal.labels[label]))
         hint = did_you_mean(label, code.signal.labels) or "labels: " + ", ".join(code.signal.labels)
         raise self._place.refuse(
             f"a label of {code.signal.name}", f"'{label}' in '{self._text}'", hint
         )
 
     def _call(self, name: str, nodes: list[ast.expr]) -> _Code:
-        if name not in _FUNCTIONS:
-            hint = did_you_mean(name, _FUNCTIONS) or "known: " + ", ".join(_FUNCTIONS)
+        if name not in FUNCTIONS:
+            hint = did_you_mean(name, FUNCTIONS) or "known: " + ", ".join(FUNCTIONS)
             raise self._place.refuse("a function", f"'{name}' in '{self._text}'", hint)
-        least, most = _FUNCTIONS[name]
+        least, most = FUNCTIONS[name]
         if not least <= len(nodes) <= most:
             wanted = str(least) if least == most else f"{least} to {most}"
             expected = f"{wanted} arguments to {name}" if most > 1 else f"1 argument to {name}"
@@ -464,7 +357,7 @@ class _Compiler:
         if name == "quantity":
             if code.unit is not None:
                 got = f"a quantity in {code.unit.name}"
-                raise self._place.refuse("a plain number", got, "use convert()")
+                raise self._place.refuse("a plain number", got, "use convert(), or number() before")
             return _Code(code.source, unit=wanted)
         if code.unit is None:
             got = f"the plain number '{ast.unparse(nodes[0])}'"
@@ -484,10 +377,6 @@ def _label(node: ast.expr) -> str | None:
     return None
 
 
-def _literal(value: float) -> str:
-    return "_nan" if math.isnan(value) else f"({value!r})"
-
-
 def _converted(code: _Code, wanted: Unit) -> str:
     have = code.unit
     if have is None or (have.gain == wanted.gain and have.offset == wanted.offset):
@@ -496,17 +385,3 @@ def _converted(code: _Code, wanted: Unit) -> str:
     offset = (have.offset - wanted.offset) / wanted.gain
     scaled = f"{code.source} * {gain!r}"
     return f"({scaled} + {offset!r})" if offset else f"({scaled})"
-
-
-def _unit_hint(name: str) -> str:
-    try:
-        unit(name)
-    except InputError as error:
-        return error.hint
-    return ""
-
-
-def _build(source: str) -> Function:
-    code = compile(f"lambda item, seen, t, since_step: {source}", "<expression>", "eval")
-    function: Function = eval(code, dict(_NAMESPACE))  # source made above of whitelisted parts only
-    return function

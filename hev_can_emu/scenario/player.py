@@ -14,9 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from hev_can_emu.scenario import program
+from hev_can_emu.scenario.compiler import compile_scenario
 from hev_can_emu.scenario.expectations import NEVER, Monitor
 from hev_can_emu.scenario.place import Place, Steps, spell
-from hev_can_emu.scenario.program import compile_scenario
 from hev_can_emu.scenario.schema import Scenario
 from hev_can_emu.scenario.signals import Signal, Signals
 from hev_can_emu.scenario.stimuli import (

@@ -16,6 +16,8 @@ Value = (
 )  #: bool only so that it can be refused with a better word than "number"
 Names = tuple[Text, ...]
 
+DEFAULT_PLAYS = ("HCU", "VEH")  #: the controller under test, and driver and road
+
 
 class _Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     pass
@@ -113,7 +115,7 @@ class Scenario(_Record, frozen=True):
     seed: int | None = None
     start: Literal["ready", "off"] | None = None
     nodes: dict[str, Literal["emulated", "external", "silent"]] = {}
-    plays: Names = ("HCU", "VEH")
+    plays: Names = DEFAULT_PLAYS
     parameters: dict[str, Value] = {}
     steps: tuple[Step, ...] = ()
     expectations: tuple[Expectation, ...] = ()

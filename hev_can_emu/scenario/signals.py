@@ -25,6 +25,7 @@ class Signal(msgspec.Struct, frozen=True, kw_only=True):
         labels: value table, label to physical value; NaN is the not-available value.
         initial: physical value before anything is set; NaN where the database gives none.
         minimum, maximum: the database's range; infinite where it gives none.
+        protected: it is the message's CRC or counter, which the protection writes.
     """
 
     name: str
@@ -36,6 +37,7 @@ class Signal(msgspec.Struct, frozen=True, kw_only=True):
     initial: float
     minimum: float
     maximum: float
+    protected: bool = False
 
     def known_unit(self, place: Place) -> Unit:
         """Return the unit; raises InputError at ``place`` where the database's text names none."""
@@ -107,7 +109,7 @@ class Signals:
         for message in messages:
             self.messages[message.name] = message.sender
             for definition in message.signals:
-                signal = _signal(definition, message.sender)
+                signal = _signal(definition, message)
                 self._qualified[definition.qualified_name] = signal
                 self._by_name.setdefault(definition.name, []).append(signal)
 
@@ -149,22 +151,25 @@ class Signals:
         return name
 
 
-def _signal(definition: SignalDef, sender: str) -> Signal:
+def _signal(definition: SignalDef, message: MessageDef) -> Signal:
     def physical(raw: float) -> float:
         if definition.not_available is not None and raw == definition.not_available:
             return math.nan
         return float(raw * definition.scale + definition.offset)
 
     low, high = definition.minimum, definition.maximum
+    spec = message.protection
+    bits = definition.bits()
     bounded = low is not None and high is not None and low < high
     return Signal(
         name=definition.name,
         message=definition.message,
-        sender=sender,
+        sender=message.sender,
         index=definition.index,
         unit=definition.unit,
         labels={label: physical(raw) for raw, label in definition.labels.items()},
         initial=math.nan if definition.initial is None else physical(definition.initial),
         minimum=float(low) if bounded and low is not None else -math.inf,
         maximum=float(high) if bounded and high is not None else math.inf,
+        protected=spec is not None and (spec.crc_bit in bits or spec.counter_bit in bits),
     )

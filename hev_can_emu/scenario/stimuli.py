@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple, Protocol
 
-from hev_can_emu.scenario.expression import Expression, Item
+from hev_can_emu.scenario.evaluation import Item
+from hev_can_emu.scenario.expression import Expression
 
 
 class SetSignal(NamedTuple):

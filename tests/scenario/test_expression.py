@@ -156,6 +156,11 @@ def test_observation_names_values_labels_and_units(signals: Signals) -> None:
             "did you mean 'Locked'?",
         ),
         (
+            "EM2ControlMode == NotAvailable",
+            "expected a value to compare with, got 'NotAvailable'; "
+            "write 'not available(EM2ControlMode)'",
+        ),
+        (
             "VehicleSpeed > 3 rpm",
             "expected quantities of one kind, got km/h and rpm in 'VehicleSpeed > 3 rpm'",
         ),

@@ -221,6 +221,10 @@ CASES: list[tuple[str, str]] = [
         HEAD + "parameters: {a: fast}\n",
         "s.yaml:4: $.parameters.a: expected a number with a unit, got 'fast'",
     ),
+    (
+        HEAD + "parameters: {a: 3}\n",
+        "s.yaml:4: $.parameters.a: expected a parameter in use, got 'a'; remove it",
+    ),
     # Expectations
     (
         HEAD + "expectations:\n- from: 1 s\n",

@@ -1,0 +1,121 @@
+"""What the numbers, quantities, names and expressions of a scenario mean, parameters included."""
+
+from __future__ import annotations
+
+import keyword
+import re
+from collections.abc import Mapping
+
+from hev_can_emu.scenario import schema
+from hev_can_emu.scenario.expression import (
+    RESERVED,
+    Expression,
+    compile_condition,
+    compile_expression,
+)
+from hev_can_emu.scenario.place import Place
+from hev_can_emu.scenario.quantities import Parameter
+from hev_can_emu.scenario.signals import Signals
+from hev_can_emu.units import parse_quantity, unit
+
+_WORD = re.compile(r"\w+")
+
+
+class Values:
+    """Reads values against a network.
+
+    Raises (here and in every method):
+        InputError: what is written at the place cannot be read, or does not fit.
+    """
+
+    def __init__(
+        self, signals: Signals, parameters: Mapping[str, schema.Value], place: Place
+    ) -> None:
+        self.signals = signals
+        self.parameters: dict[str, Parameter] = {}
+        for name, value in parameters.items():
+            self.parameters[name] = self._parameter(name, value, place / name)
+        self.unused = set(self.parameters)  #: parameters that nothing has asked for yet
+
+    def _parameter(self, name: str, value: schema.Value, place: Place) -> Parameter:
+        if not name.isidentifier() or keyword.iskeyword(name):
+            raise place.refuse("a name of letters, digits and _", f"'{name}'")
+        if name in RESERVED:
+            raise place.refuse("a name of its own", f"'{name}'", "expressions have a word for this")
+        if self.signals.find(name) is not None:
+            raise place.refuse("a name of its own", f"'{name}'", "a signal is called so")
+        if isinstance(value, bool):
+            raise place.refuse("a number or quantity", str(value).lower())
+        if not isinstance(value, str):
+            return Parameter(float(value), "")
+        quantity = parse_quantity(value, str(place))
+        own = unit(quantity.unit)
+        return Parameter(float(f"{own.from_si(quantity.si_value):.15g}"), quantity.unit)
+
+    def resolve(self, value: schema.Value) -> schema.Value:
+        """Return a parameter's quantity where ``value`` is its name."""
+        if isinstance(value, str) and value in self.parameters:
+            self.unused.discard(value)
+            parameter = self.parameters[value]
+            return f"{parameter.value!r} {parameter.unit}" if parameter.unit else parameter.value
+        return value
+
+    def si(self, value: schema.Value, expect: str, place: Place) -> float:
+        """Return a quantity of the kind ``expect`` in SI; 0 needs no unit."""
+        value = self.resolve(value)
+        if value == 0 and not isinstance(value, bool):
+            return 0.0
+        text = str(value).lower() if isinstance(value, bool) else str(value)
+        return parse_quantity(text, str(place), expect).si_value
+
+    def time(self, value: schema.Value, place: Place) -> int:
+        """Return a time in ns, rounded."""
+        seconds = self.si(value, "s", place)
+        if not 0.0 <= seconds < 1e9:
+            raise place.refuse("a time of 0 s or more", f"'{value}'")
+        return round(seconds * 1e9)
+
+    def difference(self, value: schema.Value, own: str, place: Place) -> float:
+        """Return a band, tolerance or amplitude, counted in the unit ``own``."""
+        value = self.resolve(value)
+        if isinstance(value, bool):
+            raise place.refuse("a number", str(value).lower())
+        if not isinstance(value, str):
+            result = float(value)
+        else:
+            quantity = parse_quantity(value, str(place), own)
+            size = quantity.si_value - unit(quantity.unit).offset
+            result = float(f"{size / unit(own).gain:.12g}")
+        if result < 0.0:
+            raise place.refuse("a number of 0 or more", f"{value}")
+        return result
+
+    def of(self, expression: Expression, value: schema.Value, place: Place) -> float:
+        """Return a value with which ``expression`` is compared, in its unit."""
+        value = self.resolve(value)
+        signal = self.signals.find(expression.text.strip())
+        if signal is not None:
+            return signal.parse(value, place)
+        if isinstance(value, bool):
+            raise place.refuse("a number", str(value).lower())
+        if not isinstance(value, str):
+            return float(value)
+        own = expression.unit.name if expression.unit is not None else ""
+        quantity = parse_quantity(value, str(place), own)
+        return float(f"{unit(own).from_si(quantity.si_value):.12g}")
+
+    def expression(self, text: str, place: Place) -> Expression:
+        """Return ``text`` compiled, which must be a number."""
+        self._note(text)
+        expression = compile_expression(text, self.signals, self.parameters, place)
+        if expression.boolean:
+            raise place.refuse("a number", f"the condition '{text}'")
+        return expression
+
+    def condition(self, text: str, place: Place) -> Expression:
+        """Return ``text`` compiled, which must be a condition."""
+        self._note(text)
+        return compile_condition(text, self.signals, self.parameters, place)
+
+    def _note(self, text: str) -> None:
+        self.unused.difference_update(_WORD.findall(text))
