@@ -256,6 +256,30 @@ def motor_power(
 
 
 @kernel
+def motor_grant(
+    p: NDArray[np.float64],
+    x: NDArray[np.float64],
+    torque: float,
+    speed: float,
+    active: float,
+    reason: float,
+    out: NDArray[np.float64],
+) -> None:
+    """Replace the torque that :func:`motor_step` gave by the smaller one that the battery grants.
+
+    State and output follow: the lag goes on from the granted torque, the setpoint is told no larger
+    than it, ``reason`` is the LIMIT_* code told, and power and losses are those of the granted torque.
+    """
+    source.torque_source_hold(x, torque)
+    if abs(x[source.X_SETPOINT]) > abs(torque):
+        x[source.X_SETPOINT] = torque
+        if active > 0.5:
+            out[source.OUT_SETPOINT] = torque
+    out[source.OUT_REASON] = reason
+    motor_power(p, torque, speed, active, out)
+
+
+@kernel
 def motor_step(
     p: NDArray[np.float64],
     x: NDArray[np.float64],

@@ -281,3 +281,61 @@ def test_a_leak_makes_precharge_time_out_until_the_request_is_withdrawn():
 def test_bad_contactors_are_named():
     with pytest.raises(InputError, match=r"hv\.precharge_share: expected a number from 0 to 1"):
         msgspec.structs.replace(C, precharge_share=1.5).validate("hv")
+
+
+# Motors and battery together
+
+
+def drive(ticks, requests, speeds, discharge=math.inf, charge=math.inf):
+    """Two motors on a battery; return the last outputs and the energies in J."""
+    x1, x2 = np.zeros(motor.N_STATE), np.zeros(motor.N_STATE)
+    out1, out2 = np.zeros(motor.N_OUT), np.zeros(motor.N_OUT)
+    cells, lim, supply = np.array([0.5, 298.15]), np.zeros(battery.N_LIM), np.zeros(battery.N_OUT)
+    energy = dict.fromkeys(("chemical", "shaft", "losses", "auxiliary"), 0.0)
+    for k in range(ticks):
+        t1, t2 = requests(k)
+        w1, w2 = speeds(k)
+        battery.battery_limits(P, cells, lim)
+        lim[battery.LIM_DISCHARGE] = min(lim[battery.LIM_DISCHARGE], discharge)
+        lim[battery.LIM_CHARGE] = min(lim[battery.LIM_CHARGE], charge)
+        motor.motor_step(EM1, x1, t1, 1.0, w1, 350.0, 310.0, 310.0, out1)
+        motor.motor_step(EM2, x2, t2, 1.0, w2, 350.0, 310.0, 310.0, out2)
+        out = allocate(out1[0], out2[0], w1, w2, lim[0], lim[1])
+        reason = lim[battery.LIM_REASON_DISCHARGE]
+        if out[allocation.OUT_CUT1]:
+            motor.motor_grant(EM1, x1, out[0], w1, 1.0, reason, out1)
+        if out[allocation.OUT_CUT2]:
+            motor.motor_grant(EM2, x2, out[1], w2, 1.0, reason, out2)
+        load = out1[motor.OUT_DC_POWER] + out2[motor.OUT_DC_POWER] + 500.0
+        battery.battery_step(P, cells, load, 1.0, 310.0, lim, supply)
+        assert supply[battery.OUT_REFUSED] == 0.0
+        energy["chemical"] -= 1e-3 * lim[battery.LIM_OCV] * supply[battery.OUT_CURRENT]
+        energy["shaft"] += 1e-3 * (out1[0] * w1 + out2[0] * w2)
+        energy["losses"] += 1e-3 * (
+            out1[motor.OUT_LOSS] + out2[motor.OUT_LOSS] + supply[battery.OUT_HEAT]
+        )
+        energy["auxiliary"] += 0.5
+    return out1, out2, supply, energy
+
+
+def test_energy_is_accounted_for_from_chemistry_to_shaft():
+    *_, energy = drive(
+        1500,
+        lambda k: (-60.0 * math.sin(0.003 * k), 200.0 * math.cos(0.002 * k)),
+        lambda k: (400.0 + 0.05 * k, 0.15 * k),
+    )
+    assert abs(energy["shaft"]) > 1e3
+    assert energy["chemical"] == pytest.approx(
+        energy["shaft"] + energy["losses"] + energy["auxiliary"], rel=1e-10
+    )
+
+
+def test_a_granted_torque_is_told_with_its_setpoint_and_reason():
+    out1, out2, supply, _ = drive(
+        100, lambda _: (-40.0, 200.0), lambda _: (400.0, 400.0), discharge=20e3
+    )
+    assert supply[battery.OUT_POWER] == pytest.approx(20e3, abs=1e-6)
+    assert out1[source.OUT_TORQUE] == pytest.approx(-40.0)
+    assert out1[source.OUT_REASON] == source.LIMIT_NONE
+    assert out2[source.OUT_SETPOINT] == out2[source.OUT_TORQUE] < 150.0
+    assert out2[source.OUT_REASON] == source.LIMIT_BATTERY_POWER
