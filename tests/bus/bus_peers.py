@@ -11,6 +11,7 @@ import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
+from pathlib import Path
 
 import can
 import numpy as np
@@ -25,6 +26,8 @@ GUARD_S = 10.0  # a failure guard, not a delay
 ADAPTERS = ["loopback", "virtual", "socketcand"]
 if importlib.util.find_spec("msgpack") is not None:
     ADAPTERS.append("udp_multicast")
+if Path("/sys/class/net/vcan0").exists():
+    ADAPTERS.append("socketcan")
 FD_ADAPTERS = [name for name in ADAPTERS if name != "socketcand"]
 
 _names = itertools.count()
@@ -128,6 +131,8 @@ async def bus_and_peer(kind: str) -> AsyncIterator[tuple[Bus, Peer]]:
         port = free_port(socket.SOCK_DGRAM)
         spec = f"udp_multicast:239.74.163.2?port={port}"
         options = {"channel": "239.74.163.2", "port": port, "hop_limit": 0}
+    elif kind == "socketcan":
+        spec, options = "socketcan:vcan0", {"channel": "vcan0", "fd": True}
     else:
         spec, options = "socketcand:127.0.0.1:0", {}
     async with open_bus(spec, time.monotonic_ns) as bus:
