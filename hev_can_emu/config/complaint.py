@@ -45,7 +45,7 @@ def spell(steps: Steps) -> str:
         elif _PLAIN_KEY.fullmatch(step):
             parts.append(f".{step}")
         else:
-            parts.append(f"['{step}']")
+            parts.append(f"['{' '.join(step.split())}']")
     return "".join(parts)
 
 
@@ -56,7 +56,8 @@ def describe(value: object) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
-        return f"'{value}'" if len(value) <= 60 else f"'{value[:57]}...'"
+        line = " ".join(value.split())
+        return f"'{line}'" if len(line) <= 60 else f"'{line[:57]}...'"
     if isinstance(value, dict):
         return "a mapping" if value else "an empty mapping"
     if isinstance(value, list):
@@ -75,12 +76,12 @@ def translate(error: msgspec.ValidationError, data: Any, type_: Any) -> Complain
     cause = error.__cause__
     if isinstance(cause, InputError):
         return Complaint(steps, cause.expected, cause.got, cause.hint)
-    if (unknown := re.fullmatch(r"Object contains unknown field `(.*)`", text)) is not None:
+    if (unknown := re.fullmatch(r"(?s)Object contains unknown field `(.*)`", text)) is not None:
         name = unknown[1]
         known = _fields(type_, steps)
         hint = did_you_mean(name, known) or f"known: {', '.join(known)}"
-        return Complaint((*steps, name), "a known key", f"'{name}'", hint)
-    if (missing := re.fullmatch(r"Object missing required field `(.*)`", text)) is not None:
+        return Complaint((*steps, name), "a known key", describe(name), hint)
+    if (missing := re.fullmatch(r"(?s)Object missing required field `(.*)`", text)) is not None:
         keys = ", ".join(f"'{key}'" for key in value) if isinstance(value, dict) else ""
         return Complaint(steps, f"the key '{missing[1]}'", f"only {keys}" if keys else "none", "")
     if text.startswith(("Invalid enum value", "Invalid value")):
@@ -88,7 +89,9 @@ def translate(error: msgspec.ValidationError, data: Any, type_: Any) -> Complain
         hint = did_you_mean(value, choices) if isinstance(value, str) else ""
         expected = "one of " + ", ".join(choices) if len(choices) != 1 else choices[0]
         return Complaint(steps, expected, describe(value), hint)
-    if (kind := re.fullmatch(r"Expected `([^`]*)`(?P<rest>.*?)(, got `[^`]*`)?", text)) is not None:
+    if (
+        kind := re.fullmatch(r"(?s)Expected `([^`]*)`(?P<rest>.*?)(, got `[^`]*`)?", text)
+    ) is not None:
         kinds = [part for part in kind[1].split(" | ") if part != "null"]
         if "float" in kinds and "int" in kinds:
             kinds.remove("int")

@@ -35,4 +35,7 @@ class Place(NamedTuple):
 
     def refuse(self, expected: str, got: str, hint: str = "") -> InputError:
         """Return the error to raise about what stands here."""
-        return InputError(str(self), expected, got, hint)
+        line = " ".join(got.split())
+        return InputError(
+            str(self), expected, line if len(line) <= 300 else line[:297] + "...", hint
+        )

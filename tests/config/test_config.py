@@ -224,6 +224,12 @@ BASE = "version: 1\n"
             BASE + "steps:\n- to: 14\n",
             "f:3: $.steps[0]: expected a usable entry, got fourteen will not do",
         ),
+        (BASE + "limit: |\n  two\n  lines", "f:2: $.limit: expected a number, got 'two lines'"),
+        (
+            BASE + '"a\\nb": 1',
+            "f:2: $['a b']: expected a known key, got 'a b'; "
+            "known: version, name, ramps, steps, limit, gears, on",
+        ),
         (BASE + "limit: x", "f:2: $.limit: expected a number, got 'x'"),
         (
             BASE + "gears:\n  a: {b: 1}\n  c: {d: 1, e: x}\n",

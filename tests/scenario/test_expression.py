@@ -176,7 +176,7 @@ def test_observation_names_values_labels_and_units(signals: Signals) -> None:
         ),
         ("EM1Speed >", "expected an expression, got 'EM1Speed >'"),
         ("", "expected an expression, got ''"),
-        ("(" * 300, f"expected an expression, got '{'(' * 300}'"),
+        ("(" * 250, f"expected an expression, got '{'(' * 250}'"),
         (
             "foo(3)",
             "expected a function, got 'foo' in 'foo(3)'; known: abs, min, max, clip, sqrt, sign, "
