@@ -23,6 +23,7 @@ from bus_peers import GUARD_S, Collector, batch, free_port, receive, seen, until
 
 from hev_can_emu.bus.socketcand import SocketcandBus
 from hev_can_emu.bus.socketcand_client import HOLD_S
+from hev_can_emu.bus.socketcand_protocol import Send
 from hev_can_emu.errors import InputError
 from hev_can_emu.messages.frame import EXTENDED, make_frames
 
@@ -276,16 +277,15 @@ def test_closing_delivers_what_was_sent() -> None:
 
 
 def test_one_order_of_frames_for_all() -> None:
+    """A client's frame read in the same turn of the loop does not overtake ours."""
+
     async def test() -> None:
-        async with server() as bus, raw_client(bus) as a, raw_client(bus) as b:
-            await a.write("< send 2 0 >")
-            await receive(bus, 1)
+        async with server() as bus, raw_client(bus), raw_client(bus) as other:
             bus.send(batch((1, 0, b"")), 1)
-            await a.write("< send 3 0 >")
-            assert await a.read_frame() == "< frame 001 T  >"
-            assert [await b.read_frame() for _ in range(3)] == [
-                f"< frame 00{n} T  >" for n in (2, 1, 3)
-            ]
+            bus.relay(bus._joined[0], [Send(2, 0, b"")])
+            bus.send(batch((3, 0, b"")), 1)
+            got = [await other.read_frame() for _ in range(3)]
+            assert got == [f"< frame 00{n} T  >" for n in (1, 2, 3)]
 
     run(test())
 
