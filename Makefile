@@ -46,11 +46,13 @@ demo: $(WARMED) ## play the series-parallel scenario in real time, leave plot an
 	@$(DEMO)
 
 test: $(WARMED) system ## run every check: lint, types, imports, all tests with coverage
-	@$(QUIET_MAKE) -j2 $(SYNC) unit-interpreted unit-checked types lint imports
-	@$(QUIET_MAKE) unit-compiled
+	@status=0; \
+	$(QUIET_MAKE) -k -j2 $(SYNC) unit-interpreted unit-checked types lint imports || status=$$?; \
+	$(QUIET_MAKE) unit-compiled || status=$$?; \
+	exit $$status
 
 lint: $(INSTALLED) ## check style and formatting
-	@$(BIN)/ruff check .
+	@$(BIN)/ruff check --output-format concise .
 	@$(BIN)/ruff format --check .
 
 format: $(INSTALLED) ## format the code, mend what can be mended
@@ -78,10 +80,13 @@ unit-checked: $(INSTALLED) ## run the kernels' tests compiled with bounds checks
 
 # Adds to the coverage of unit-interpreted. Tests of wall-clock time have the machine to themselves.
 unit-compiled: $(WARMED)
-	@echo "== tests of wall-clock time"
-	@$(PYTEST) -q -m realtime --cov --cov-append --cov-report= || test $$? -eq 5
-	@echo "== all other tests"
-	@$(PYTEST) -q -n 2 --dist loadgroup -m "not realtime" --cov --cov-append --cov-report=term
+	@status=0; \
+	echo "== tests of wall-clock time"; \
+	$(PYTEST) -q -m realtime --cov --cov-append --cov-report= || status=$$?; \
+	echo "== all other tests"; \
+	$(PYTEST) -q -n 2 --dist loadgroup -m "not realtime" --cov --cov-append --cov-report=term \
+		--durations 5 --durations-min 5 || status=$$?; \
+	exit $$status
 
 wheel-smoke: $(WARMED) ## build the wheel and try it in a fresh environment
 	@$(PYTEST) -q -m wheel
