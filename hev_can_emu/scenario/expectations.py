@@ -96,13 +96,18 @@ class Always(Monitor):
         """Fail at the first tick that contradicts; keep the smallest margin."""
         _, item, seen, t, since_step = now
         expression = self.expression
-        holds = expression.function(item, seen, t, since_step)
+        margin = 0.0
         if expression.margin is not None:
-            margin = self._sign * expression.margin(item, seen, t, since_step)
-            if margin < self.margin:
-                self.margin = margin
+            margin = expression.margin(item, seen, t, since_step)
+            if self._sign * margin < self.margin:
+                self.margin = self._sign * margin
                 values = tuple([item(signal.index) for signal in expression.signals])
                 self._nearest = (now.t_ns, values)
+        # The margin's sign tells whether the comparison holds, except on the border and for NaN.
+        if margin > 0.0 or margin < 0.0:
+            holds = margin > 0.0
+        else:
+            holds = expression.function(item, seen, t, since_step)
         if holds is not self._wanted:
             self._decide(Outcome.FAIL, now)
         elif not self._available:

@@ -59,6 +59,7 @@ class _Code(NamedTuple):
     boolean: bool = False
     unit: Unit | None = None
     plain: bool = False  #: made of bare numbers only, so that scaling by it keeps a unit
+    code: bool = False  #: a label's value, which compares exactly
     signal: Signal | None = None
     margin: str | None = None
 
@@ -265,7 +266,9 @@ class _Compiler:
             shared, source = self._bring(left, right, node)
             if index == 0:
                 common = shared
-            if mark == "==":
+            if mark == "==" and (left.code or right.code):
+                tests.append(f"{left.source} == {source}")
+            elif mark == "==":
                 tests.append(f"_equal({left.source}, {source})")
             elif mark == "!=":
                 tests.append(f"_unequal({left.source}, {source})")
@@ -309,7 +312,7 @@ class _Compiler:
             hint = f"write 'not available({code.signal.name})'"
             raise self._place.refuse("a value to compare with", f"'{label}'", hint)
         if label in code.signal.labels:
-            return _Code(literal(code.signal.labels[label]))
+            return _Code(literal(code.signal.labels[label]), code=True)
         hint = did_you_mean(label, code.signal.labels) or "labels: " + ", ".join(code.signal.labels)
         raise self._place.refuse(
             f"a label of {code.signal.name}", f"'{label}' in '{self._text}'", hint

@@ -137,6 +137,12 @@ class Player:
         return [*self._step_verdicts, *(monitor.verdict() for monitor in self._monitors)]
 
     @property
+    def awaited(self) -> str:
+        """The step that is waited for, for a status line; empty after the last."""
+        steps = self.program.steps
+        return steps[self._next].name if self._next < len(steps) else ""
+
+    @property
     def outcome(self) -> Outcome:
         """The worst outcome of all."""
         return worst(self.verdicts())

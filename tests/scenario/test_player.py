@@ -283,6 +283,15 @@ def test_finish_leaves_the_undecided_inconclusive(bench: Any) -> None:
     assert player.step(2_000_000_000, None, None) == []  # type: ignore[arg-type]
 
 
+def test_a_status_line_can_tell_what_is_awaited(bench: Any) -> None:
+    text = (
+        "duration: 1 s\nsteps:\n- at: 0.1 s\n- {name: fast, when: VehicleSpeed > 9, timeout: 9 s}"
+    )
+    assert bench.load(text).awaited == "step 1"
+    assert bench.play(text, until=0.5).awaited == "fast"
+    assert bench.play(text, {"VehicleSpeed": 10.0}).awaited == ""
+
+
 MIXED = """
 duration: 20 s
 steps:
