@@ -19,6 +19,7 @@ from hev_can_emu.messages.codec import (
     decode_signals,
     encode_signals,
     is_active,
+    to_pattern,
 )
 from hev_can_emu.messages.database import Database
 from hev_can_emu.messages.definitions import MessageDef, SignalDef
@@ -138,8 +139,14 @@ class NamedCodec:
         )
         for signal in face.wide:
             value = values.get(signal.name)
-            if isinstance(value, int) and is_active(signals, lists, signal.index, face.data):
-                _put_exactly(face.buffer, signal, value)
+            if (
+                isinstance(value, int)
+                and is_active(signals, lists, signal.index, face.data)
+                and _put_exactly(face.buffer, signal, value)
+            ):
+                # It only seemed out of range in float64.
+                number = _number(signal, value)
+                self.saturations -= to_pattern(signals, scaling, lists, signal.index, number)[1]
         return bytes(face.buffer)
 
     def decode_message(
@@ -229,8 +236,11 @@ def _get_exactly(data: bytes, signal: SignalDef) -> int:
     return raw
 
 
-def _put_exactly(buffer: bytearray, signal: SignalDef, value: int) -> None:
-    """Overwrite an integer signal by exact arithmetic, where float64 may have lost its low bits."""
+def _put_exactly(buffer: bytearray, signal: SignalDef, value: int) -> bool:
+    """Overwrite an integer signal by exact arithmetic, where float64 may have lost its low bits.
+
+    Returns False, and leaves the saturated value, where the value is out of range.
+    """
     shifted = value - signal.offset
     quotient, remainder = divmod(shifted, signal.scale)
     raw = round(shifted / signal.scale if remainder else quotient)
@@ -239,9 +249,10 @@ def _put_exactly(buffer: bytearray, signal: SignalDef, value: int) -> None:
         signal.maximum is None or value <= signal.maximum
     )
     if not inside or not smallest <= raw <= largest or raw == signal.not_available:
-        return  # saturated already
+        return False
     order, shift = _raw_position(signal, len(buffer))
     side: Any = order
     mask = (1 << signal.length) - 1
     whole = int.from_bytes(buffer, side) & ~(mask << shift) | (raw & mask) << shift
     buffer[:] = whole.to_bytes(len(buffer), side)
+    return True

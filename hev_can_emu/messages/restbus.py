@@ -211,6 +211,18 @@ def _differs_from_initial(codec: Codec, message: int, values: np.ndarray) -> boo
 
 
 @kernel
+def is_idle(kind: int, state: np.ndarray, message: int, t_ns: int) -> bool:
+    """Whether a message is plainly not due, without a look at its values."""
+    base = message * T_COLUMNS
+    return (
+        kind in (_CYCLIC, _NONE)
+        and t_ns < state[base + T_NEXT]
+        and state[base + T_TRIGGER] == 0
+        and state[base + T_REPEATS] == 0
+    )
+
+
+@kernel
 def is_due(
     restbus: Restbus,
     codec: Codec,
@@ -290,6 +302,8 @@ def due(
         if count == out_indices.shape[0]:
             break
         message = restbus.order[place]
+        if is_idle(restbus.schedule[message, R_TYPE], state, message, t_ns):
+            continue
         if is_due(restbus, codec, state, enabled, values, on_bus_values, message, t_ns):
             out_indices[count] = message
             count += 1

@@ -46,6 +46,7 @@ from hev_can_emu.messages.protection import (
     NEVER,
     OFF,
     OK,
+    P_WIDTH,
     Protection,
     check,
     is_accepted,
@@ -53,12 +54,14 @@ from hev_can_emu.messages.protection import (
 )
 from hev_can_emu.messages.raw import SIGNED, UNSIGNED, float_value, get_bits, signed_value
 from hev_can_emu.messages.restbus import (
+    R_TYPE,
     T_COLUMNS,
     T_COUNTER,
     T_SATURATED,
     T_SENT,
     Restbus,
     is_due,
+    is_idle,
 )
 
 # Columns of the receive state, X_COLUMNS per message.
@@ -111,12 +114,19 @@ def write_frame(
     saturated = encode(codec, message, values, data, on_bus_values)
     for n in range(row[M_WIRE_LENGTH], 64):
         data[n] = 0
-    protect(protection, message, data, row[M_LENGTH], counter)
-    for s in range(row[M_FIRST], row[M_FIRST] + row[M_COUNT]):
-        signal = codec.signals[s]
-        if signal[S_PROTECTED] != 0:
-            bits = get_bits(data, signal[S_BYTE], signal[S_BIT], signal[S_STEP], signal[S_LENGTH])
-            on_bus_values[s] = to_physical(codec.signals, codec.scaling, s, bits)
+    if protection.layout[message, P_WIDTH] != 0:
+        protect(protection, message, data, row[M_LENGTH], counter)
+        signals = codec.signals
+        for s in range(row[M_FIRST], row[M_FIRST] + row[M_COUNT]):
+            if signals[s, S_PROTECTED] != 0:
+                bits = get_bits(
+                    data,
+                    signals[s, S_BYTE],
+                    signals[s, S_BIT],
+                    signals[s, S_STEP],
+                    signals[s, S_LENGTH],
+                )
+                on_bus_values[s] = to_physical(signals, codec.scaling, s, bits)
     frames[i]["t_ns"] = t_ns
     frames[i]["id"] = row[M_ID]
     frames[i]["flags"] = row[M_FLAGS] | SENT
@@ -150,6 +160,8 @@ def transmit(
         if n_out >= capacity:
             break
         m = restbus.order[place]
+        if is_idle(restbus.schedule[m, R_TYPE], state, m, t_ns):
+            continue
         if is_due(restbus, codec, state, enabled, values, on_bus_values, m, t_ns):
             base = m * T_COLUMNS
             counter = state[base + T_COUNTER]
