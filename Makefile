@@ -95,7 +95,7 @@ bench: $(WARMED) ## measure; figures go to the terminal
 	@for bench in benchmarks/[a-z]*.py; do echo "== $$bench"; $(BIN)/python $$bench || exit 1; done
 
 lock: $(INSTALLED) ## lock the dependencies anew (UPGRADE=1: to their latest releases)
-	@$(BIN)/python -m pip install --quiet uv==$(UV_VERSION)
+	@$(BIN)/python -m pip install -qq --disable-pip-version-check uv==$(UV_VERSION)
 	@$(BIN)/uv pip compile pyproject.toml --quiet --universal --python-version 3.11 --fork-strategy fewest \
 		--all-extras --group dev --generate-hashes --no-emit-index-url --no-header \
 		$(if $(UPGRADE),--upgrade) --output-file requirements.lock
