@@ -103,7 +103,9 @@ STATUSES: tuple[Port, ...] = (
     Port("clutch_capacity", "N m", "actual torque capacity of C1"),
     Port("clutch_capacity_echo", "N m", "capacity request as received"),
     Port("clutch_capacity_setpoint", "N m", "set capacity after all limits"),
-    Port("clutch_torque", "N m", "torque transmitted through C1, positive from engine to EM1 shaft"),
+    Port(
+        "clutch_torque", "N m", "torque transmitted through C1, positive from engine to EM1 shaft"
+    ),
     Port("clutch_slip", "rad/s", "engine-side minus transmission-side speed"),
     Port("clutch_limit_reason", "1", "LIMIT_* code"),
     Port("clutch_request_status", "1", "REQUEST_* code of HCU_ClutchRequest"),
@@ -123,7 +125,11 @@ STATUSES: tuple[Port, ...] = (
     Port("wheel_speed_rr", "m/s", "rear right"),
     Port("vehicle_speed", "m/s", "speed of the body"),
     Port("longitudinal_acceleration", "m/s^2", "dv/dt of the body, without gravity"),
-    Port("longitudinal_acceleration_sensor", "m/s^2", "as an accelerometer reads it: with g*sin(slope)"),
+    Port(
+        "longitudinal_acceleration_sensor",
+        "m/s^2",
+        "as an accelerometer reads it: with g*sin(slope)",
+    ),
     Port("brake_torque", "N m", "actual friction brake torque, sum of the wheels"),
     Port("brake_torque_echo", "N m", "brake request as received"),
     Port("brake_torque_setpoint", "N m", "set brake torque after all limits"),
@@ -148,7 +154,9 @@ STATUSES: tuple[Port, ...] = (
     Port("ambient_temperature_actual", "K", ""),
     Port("driving_mode", "1", "MODE_* code"),
     Port("faults_active", "1", "number of injected faults active"),
-    Port("requests_failed", "1", "number of received request messages that are timed out or refused"),
+    Port(
+        "requests_failed", "1", "number of received request messages that are timed out or refused"
+    ),
     Port("rejected_frames", "1", "frames refused by protection since the start, modulo 65536"),
     Port("plant_model", "1", "0 4dof, 1 16dof, 2 detailed"),
 )

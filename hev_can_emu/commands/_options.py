@@ -1,0 +1,92 @@
+"""Options that several commands share, and how they become a Setup."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from hev_can_emu.errors import InputError
+
+if TYPE_CHECKING:
+    from hev_can_emu.runtime.setup import Setup
+
+
+def add_setup_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what decides how the car behaves."""
+    group = parser.add_argument_group("the car and its network")
+    group.add_argument(
+        "--vehicle", metavar="FILE", help="vehicle file or shipped name (default: dai2024)"
+    )
+    group.add_argument("--model", metavar="MODEL", help="plant: 4dof or 16dof (default: 16dof)")
+    group.add_argument(
+        "--reduction",
+        metavar="RULE",
+        help="of 4dof: load-weighted or paper (default: load-weighted)",
+    )
+    group.add_argument("--dbc", metavar="FILE", help="network file (default: the shipped hev.dbc)")
+    group.add_argument(
+        "--bindings", metavar="FILE", help="what its signals mean (default: the shipped bindings)"
+    )
+    group.add_argument(
+        "--protection",
+        metavar="MODE",
+        help="received counters and CRCs: off, observe or enforce (default: enforce)",
+    )
+    group.add_argument("--start", metavar="STATE", help="ready or off (default: ready)")
+    group.add_argument(
+        "--node",
+        metavar="NAME=OWNER",
+        action="append",
+        default=[],
+        help="who sends a node's messages: emulated, external or silent; may be repeated",
+    )
+
+
+def make_setup(
+    arguments: argparse.Namespace,
+    scenario: Mapping[str, Any] | None = None,
+    plays: Mapping[str, str] | None = None,
+) -> Setup:
+    """Return the setup: command line over scenario over defaults.
+
+    Args:
+        arguments: parsed options of :func:`add_setup_arguments`.
+        scenario: fields of a scenario's head; None where it says nothing.
+        plays: owners of the nodes that a scenario plays; ``--node`` overrides.
+
+    Raises:
+        InputError: ``--node`` is not NAME=OWNER.
+    """
+    from hev_can_emu.runtime.setup import Setup
+
+    nodes = dict(plays or {})
+    for text in arguments.node:
+        name, equals, owner = text.partition("=")
+        if not equals or not name or not owner:
+            raise InputError("--node", "NAME=OWNER", f"'{text}'", "e.g. --node MCU2=external")
+        nodes[name] = owner
+    chosen: dict[str, Any] = {
+        key: value for key, value in (scenario or {}).items() if value is not None
+    }
+    for key in ("vehicle", "model", "reduction", "dbc", "bindings", "protection", "start"):
+        value = getattr(arguments, key)
+        if value is not None:
+            chosen[key] = value
+    return Setup(nodes=nodes, **chosen)
+
+
+def seconds(text: str) -> float:
+    """Read a time in seconds for argparse: a number, or a number with a unit of time."""
+    from hev_can_emu.units import parse_quantity
+
+    try:
+        value = float(text)
+    except ValueError:
+        try:
+            value = parse_quantity(text, "--duration", "s").si_value
+        except InputError as error:
+            raise argparse.ArgumentTypeError(str(error)) from error
+    if not 0.0 < value < 1e7:
+        raise argparse.ArgumentTypeError(f"expected a time above 0 s, got '{text}'")
+    return value

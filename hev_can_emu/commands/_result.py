@@ -1,0 +1,136 @@
+"""What a scenario run leaves behind: recordings, a picture, a verdict file, a table."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import msgspec
+import numpy as np
+
+from hev_can_emu.errors import InputError
+
+if TYPE_CHECKING:
+    from hev_can_emu.runtime.playing import Playing
+    from hev_can_emu.runtime.signal_log import SignalLog
+    from hev_can_emu.scenario.verdict import Outcome, Verdict
+
+# Series of the picture and the signals they are made of.
+_CURVES = {
+    "engine_speed_rpm": "EngineSpeed",
+    "em1_speed_rpm": "EM1Speed",
+    "em2_speed_rpm": "EM2Speed",
+    "vehicle_speed_kmh": "VehicleSpeed",
+    "engine_torque_nm": "EngineTorque",
+    "em1_torque_nm": "EM1Torque",
+    "em2_torque_nm": "EM2Torque",
+    "clutch_torque_nm": "ClutchTorqueTransmitted",
+}
+_RIBBONS = (("mode", "DrivingMode"), ("gear", "Gear"), ("C1", "ClutchState"))
+_READABLE = {
+    "Series": "series",
+    "ParallelG1": "parallel_g1",
+    "ParallelG2": "parallel_g2",
+    "ElectricNeutral": "electric_neutral",
+    "ElectricG1": "electric_g1",
+    "ElectricG2": "electric_g2",
+}
+
+
+class Result(NamedTuple):
+    """One run: its verdicts, the worst of them, and how long it took."""
+
+    name: str
+    verdicts: list[Verdict]
+    outcome: Outcome
+    car_s: float
+    wall_s: float
+    trace_hash: str
+
+
+def make_folder(text: str | None) -> Path | None:
+    """Return the folder for results, made where needed; raises InputError."""
+    if text is None:
+        return None
+    path = Path(text)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"--out {path}", "a folder that can be made", f"{error.strerror}"
+        ) from error
+    return path
+
+
+def print_result(result: Result) -> None:
+    """Print the verdict table."""
+    from hev_can_emu.report.table import VerdictRow, print_verdicts
+
+    rows = [
+        VerdictRow(
+            f"{verdict.kind}: {verdict.name}" if verdict.kind == "step" else verdict.name,
+            verdict.outcome.value,
+            None if verdict.instant_ns is None else verdict.instant_ns * 1e-9,
+            verdict.expected,
+            verdict.observed,
+            "" if verdict.margin is None else f"{verdict.margin:.4g} {verdict.margin_unit}".strip(),
+        )
+        for verdict in result.verdicts
+        if verdict.kind != "step" or verdict.outcome.value != "pass"
+    ]
+    passed = sum(v.kind == "step" and v.outcome.value == "pass" for v in result.verdicts)
+    print_verdicts(rows, result.name)
+    print(
+        f"{result.name}: {result.outcome.value.upper()}  "
+        f"({passed} steps taken, {result.car_s:.2f} s of car time in {result.wall_s:.2f} s)"
+    )
+    if result.trace_hash:
+        print(f"trace {result.trace_hash}")
+
+
+def write_verdicts(path: Path, result: Result) -> None:
+    """Write the verdicts as JSON."""
+    rows = [
+        {
+            "kind": verdict.kind,
+            "name": verdict.name,
+            "outcome": verdict.outcome.value,
+            "instant_s": None if verdict.instant_ns is None else verdict.instant_ns * 1e-9,
+            "expected": verdict.expected,
+            "observed": verdict.observed,
+            "margin": verdict.margin,
+            "margin_unit": verdict.margin_unit,
+            "where": verdict.where,
+        }
+        for verdict in result.verdicts
+    ]
+    content = {
+        "scenario": result.name,
+        "outcome": result.outcome.value,
+        "car_time_s": result.car_s,
+        "trace": result.trace_hash,
+        "verdicts": rows,
+    }
+    path.write_bytes(msgspec.json.format(msgspec.json.encode(content), indent=2) + b"\n")
+
+
+def draw(path: Path, log: SignalLog, playing: Playing, verdicts: list[Verdict]) -> None:
+    """Draw speeds, torques and modes of a run; raises InputError without matplotlib."""
+    from hev_can_emu.report.plot import plot_run
+    from hev_can_emu.report.ribbons import Ribbon, StepMarker, segments_of
+
+    emulator = playing.emulator
+    t_s = np.arange(0.0, emulator.now_ns * 1e-9, 0.01)
+    series = {key: log.on_grid(name, t_s) for key, name in _CURVES.items()}
+    ribbons = []
+    for title, name in _RIBBONS:
+        labels = emulator.database.signal(name).labels
+        names = {raw: _READABLE.get(label, label.lower()) for raw, label in labels.items()}
+        ribbons.append(Ribbon(title, segments_of(t_s, log.on_grid(name, t_s), names)))
+    steps = [
+        StepMarker(verdict.instant_ns * 1e-9, verdict.name)
+        for verdict in verdicts
+        if verdict.kind == "step" and verdict.instant_ns is not None
+    ]
+    title = f"{playing.scenario.name} ({emulator.setup.model}, {emulator.vehicle_name})"
+    plot_run(path, t_s, series, ribbons, title, steps)

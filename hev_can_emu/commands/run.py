@@ -1,0 +1,177 @@
+"""``hev-can-emu run``: the car on a bus in real time."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from typing import TYPE_CHECKING
+
+from hev_can_emu.commands._options import add_setup_arguments, make_setup, seconds
+
+if TYPE_CHECKING:
+    from hev_can_emu.bus.port import Bus
+    from hev_can_emu.runtime.emulator import Emulator, Event
+    from hev_can_emu.runtime.service import Service, Statistics
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's options."""
+    parser.add_argument(
+        "--bus",
+        metavar="BUS",
+        default="socketcand",
+        help="INTERFACE[:CHANNEL] of python-can (default: the embedded server, socketcand:127.0.0.1:29536)",
+    )
+    parser.add_argument(
+        "--duration", metavar="S", type=seconds, help="stop after this time (default: run on)"
+    )
+    parser.add_argument(
+        "--record",
+        metavar="FILE",
+        action="append",
+        default=[],
+        help="record frames: .log, .blf or .asc",
+    )
+    add_setup_arguments(parser)
+
+
+def execute(arguments: argparse.Namespace) -> int:
+    """Run until told to stop; returns the exit code."""
+    setup = make_setup(arguments)
+    setup.check()
+    # After the options: what follows takes a second to import.
+    import asyncio
+
+    from hev_can_emu.bus.open import open_bus
+    from hev_can_emu.runtime.emulator import Emulator
+    from hev_can_emu.runtime.service import Service
+    from hev_can_emu.telemetry.recorder import open_recorder
+
+    open_bus(arguments.bus, time.monotonic_ns)  # a name that cannot be a bus is told at once
+    emulator = Emulator(setup)
+    emulator.advance(0)  # compiled before the clock starts
+    epoch_ns = time.time_ns()
+    recorders = [open_recorder(path, epoch_ns=epoch_ns) for path in arguments.record]
+    line = StatusLine(emulator)
+
+    async def serve() -> Service:
+        service = Service(
+            emulator,
+            lambda now_ns: open_bus(arguments.bus, now_ns, epoch_ns=epoch_ns),
+            [recorder.write for recorder in recorders],
+            duration_ns=None if arguments.duration is None else round(arguments.duration * 1e9),
+            on_ready=line.ready,
+            on_status=line.status,
+            on_event=line.event,
+        )
+        line.service = service
+        try:
+            await service.run()
+        finally:
+            service.tell()
+            for recorder in recorders:
+                await asyncio.to_thread(recorder.close)
+        return service
+
+    try:
+        service = asyncio.run(serve())
+    finally:
+        line.end()
+    print_statistics(service)
+    return 0
+
+
+class StatusLine:
+    """One line that lives at the bottom of a terminal; events scroll above it.
+
+    On anything but a terminal only events are written.
+    """
+
+    def __init__(self, emulator: Emulator) -> None:
+        self._emulator = emulator
+        self._live = sys.stderr.isatty()
+        self._shown = False
+        self.service: Service | None = None
+        self._hinted = False
+
+    def ready(self, bus: Bus) -> None:
+        """Say what runs where, and how to join."""
+        emulator = self._emulator
+        setup = emulator.setup
+        print(
+            f"{emulator.vehicle_name} ({setup.model}) on {bus.describe()}, protection {setup.protection}"
+        )
+        hint = bus.join_hint()
+        if hint:
+            print(f"join from another terminal:  {hint}")
+        if "Identified" in emulator.provenance:
+            print("parameters: identified, not published; see the vehicle file")
+        sys.stdout.flush()
+
+    def status(self, statistics: Statistics) -> None:
+        """Rewrite the line."""
+        if not self._live:
+            return
+        truth = self._emulator.truth
+        rpm = 30.0 / 3.141592653589793
+        mode = _MODES[round(self._emulator.state.statuses[_mode_port()])]
+        text = (
+            f"{self._emulator.now_ns * 1e-9:8.1f} s  {mode:16s} "
+            f"{truth('vehicle_speed') * 3.6:6.1f} km/h  engine {truth('engine_speed') * rpm:5.0f} rpm  "
+            f"EM1 {truth('em1_speed') * rpm:6.0f}  EM2 {truth('em2_speed') * rpm:6.0f}  "
+            f"tx {statistics.sent} rx {statistics.received}  overruns {statistics.overruns}"
+        )
+        sys.stderr.write("\r\x1b[K" + text)
+        sys.stderr.flush()
+        self._shown = True
+
+    def event(self, event: Event) -> None:
+        """Write an event above the line."""
+        if self._shown:
+            sys.stderr.write("\r\x1b[K")
+            self._shown = False
+        sys.stderr.write(f"{event.t_ns * 1e-9:8.3f} s  {event.kind}: {event.text}\n")
+        if event.kind == "lost" and "CRC" in event.text and not self._hinted:
+            self._hinted = True
+            sys.stderr.write(
+                "            hint: --protection off takes frames without counter and CRC\n"
+            )
+        sys.stderr.flush()
+
+    def end(self) -> None:
+        """Leave the line standing."""
+        if self._shown:
+            sys.stderr.write("\n")
+            self._shown = False
+
+
+_MODES = (
+    "transition", "series", "parallel G1", "parallel G2",
+    "electric neutral", "electric G1", "electric G2",
+)  # fmt: skip
+
+
+def _mode_port() -> int:
+    from hev_can_emu.ecu.ports import S_DRIVING_MODE
+
+    return S_DRIVING_MODE
+
+
+def print_statistics(service: Service) -> None:
+    """Print how the run went."""
+    from hev_can_emu.runtime import tick
+
+    statistics, scalars = service.statistics, service.emulator.state.scalars
+    median, p99, worst = statistics.lateness_us()
+    counters = service.bus.counters
+    print(
+        f"{service.emulator.now_ns * 1e-9:.3f} s, {statistics.ticks} ticks, "
+        f"{statistics.overruns} overruns, {statistics.stalls} stalls; "
+        f"tick done {median:.0f} us after its deadline (median), {p99:.0f} us (99 %), {worst:.0f} us (most)"
+    )
+    print(
+        f"frames: {statistics.sent} sent, {statistics.received} received, {counters.dropped} dropped, "
+        f"{scalars[tick.REFUSED]} refused, {scalars[tick.UNKNOWN]} unknown, "
+        f"{scalars[tick.CONFLICTS]} from a second sender"
+    )

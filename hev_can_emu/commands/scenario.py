@@ -1,0 +1,173 @@
+"""``hev-can-emu scenario run``: play scenarios and judge them."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hev_can_emu.commands._options import add_setup_arguments, make_setup
+from hev_can_emu.errors import BusError, InputError
+
+if TYPE_CHECKING:
+    from hev_can_emu.commands._result import Result
+    from hev_can_emu.runtime.playing import Playing
+    from hev_can_emu.runtime.signal_log import SignalLog
+    from hev_can_emu.telemetry.recorder import Recorder
+
+CLOCKS = ("virtual", "wall")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's options."""
+    actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
+    run = actions.add_parser("run", help="play scenarios and judge what they show")
+    run.add_argument(
+        "files", metavar="FILE", nargs="+", help="scenario file, or name of a shipped one"
+    )
+    run.add_argument(
+        "--clock",
+        metavar="CLOCK",
+        help="virtual (as fast as possible, repeatable) or wall (default: wall if a bus is named)",
+    )
+    run.add_argument("--bus", metavar="BUS", help="bus for the wall clock (default: socketcand)")
+    run.add_argument("--out", metavar="DIR", help="leave recordings, verdicts and a picture there")
+    run.add_argument("--no-plot", action="store_true", help="draw no picture")
+    add_setup_arguments(run)
+
+
+def execute(arguments: argparse.Namespace) -> int:
+    """Run every scenario; the worst outcome gives the exit code."""
+    clock = arguments.clock
+    if clock is not None and clock not in CLOCKS:
+        raise InputError("--clock", "one of virtual, wall", f"'{clock}'")
+    if clock == "virtual" and arguments.bus is not None:
+        raise InputError(
+            "--bus", "no bus with --clock virtual", f"'{arguments.bus}'", "use --clock wall"
+        )
+
+    from hev_can_emu.commands._result import make_folder, print_result
+    from hev_can_emu.runtime.setup import find_shipped
+
+    paths = [find_shipped(name, "scenarios", ".yaml", "scenario run") for name in arguments.files]
+    out = make_folder(arguments.out)
+    # Every file is read and checked before the first one runs.
+    prepared = [_prepare(arguments, path) for path in paths]
+    codes = []
+    for path, playing in zip(paths, prepared, strict=True):
+        bus = arguments.bus or playing.scenario.bus
+        wall = clock == "wall" or (clock is None and bus is not None)
+        stem = re.sub(r"[^A-Za-z0-9_.-]+", "_", path.stem)
+        result = _run(
+            playing, (bus or "socketcand") if wall else None, out, stem, arguments.no_plot
+        )
+        print_result(result)
+        codes.append(result.outcome.exit_code)
+    # As severe as the worst: unusable, fail, inconclusive, pass.
+    return next((code for code in (2, 1, 3) if code in codes), 0)
+
+
+def _prepare(arguments: argparse.Namespace, path: Path) -> Playing:
+    """Read a scenario and build its car; raises InputError."""
+    from hev_can_emu.runtime.emulator import Emulator
+    from hev_can_emu.runtime.playing import Playing, read_scenario
+
+    document, scenario = read_scenario(path)
+    head: dict[str, Any] = {
+        key: getattr(scenario, key)
+        for key in ("vehicle", "model", "start")
+        if getattr(scenario, key)
+    }
+    owners: dict[str, str] = dict.fromkeys(scenario.plays, "emulated")
+    owners |= scenario.nodes
+    emulator = Emulator(make_setup(arguments, head, owners))
+    return Playing(emulator, document, scenario)
+
+
+def _run(playing: Playing, bus: str | None, out: Path | None, stem: str, no_plot: bool) -> Result:
+    from hev_can_emu.commands._result import Result, draw, write_verdicts
+    from hev_can_emu.runtime.signal_log import SignalLog
+    from hev_can_emu.telemetry.recorder import open_recorder
+
+    emulator, player = playing.emulator, playing.player
+    epoch_ns = time.time_ns()
+    recorders: list[Recorder] = []
+    log: SignalLog | None = None
+    if out is not None:
+        recorders = [
+            open_recorder(out / f"{stem}{ending}", epoch_ns=epoch_ns) for ending in (".blf", ".log")
+        ]
+        log = SignalLog(emulator.database, emulator.constants.codec)
+    emulator.advance(0)
+    started = time.monotonic()
+    trace = ""
+    try:
+        if bus is None:
+            trace = _in_virtual_time(playing, recorders, log)
+        else:
+            _in_wall_time(playing, bus, epoch_ns, recorders, log)
+    finally:
+        for recorder in recorders:
+            recorder.close()
+    wall = time.monotonic() - started
+    verdicts = player.verdicts()
+    result = Result(
+        playing.scenario.name, verdicts, player.outcome, emulator.now_ns * 1e-9, wall, trace
+    )
+    if out is not None and log is not None:
+        write_verdicts(out / f"{stem}.json", result)
+        if not no_plot:
+            draw(out / f"{stem}.png", log, playing, verdicts)
+        print(f"recordings, verdicts and picture: {out}/{stem}.*")
+    return result
+
+
+def _in_virtual_time(playing: Playing, recorders: list[Recorder], log: SignalLog | None) -> str:
+    from hev_can_emu.runtime.virtual import FrameSink, play_virtual
+
+    sinks: list[FrameSink] = [recorder.write for recorder in recorders]
+    if log is not None:
+        sinks.append(log.add)
+    return play_virtual(playing, sinks)
+
+
+def _in_wall_time(
+    playing: Playing, bus: str, epoch_ns: int, recorders: list[Recorder], log: SignalLog | None
+) -> None:
+    import asyncio
+
+    from hev_can_emu.bus.open import open_bus
+    from hev_can_emu.commands.progress import PlayProgress
+    from hev_can_emu.runtime.service import Service
+
+    sinks = [recorder.write for recorder in recorders]
+    if log is not None:
+        sinks.append(log.add)
+    progress = PlayProgress(playing)
+
+    async def serve() -> None:
+        service = Service(
+            playing.emulator,
+            lambda now_ns: open_bus(bus, now_ns, epoch_ns=epoch_ns),
+            sinks,
+            playing,
+            on_ready=progress.ready,
+            on_status=progress.status,
+            on_event=progress.event,
+        )
+        try:
+            await service.run()
+        except BusError as error:
+            # Not the car's doing: what is undecided stays so.
+            playing.player.finish(playing.emulator.now_ns, f"bus lost ({error})")
+        if service.interrupted:
+            playing.player.finish(playing.emulator.now_ns, "interrupted")
+        service.tell()
+        progress.end(service.statistics)
+
+    with progress:
+        asyncio.run(serve())
+    sys.stdout.flush()

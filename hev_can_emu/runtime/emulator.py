@@ -1,0 +1,395 @@
+"""The emulator: frames in, time, frames out.  Synchronous, no I/O, no clock."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from hev_can_emu.ecu import control, ports, supervision
+from hev_can_emu.ecu.bindings import resolve
+from hev_can_emu.ecu.ties import (
+    OWNER_EMULATED,
+    OWNER_EXTERNAL,
+    ROLE_CONTROLLER,
+    ResolvedBindings,
+    with_ownership,
+)
+from hev_can_emu.errors import InputError, did_you_mean
+from hev_can_emu.messages.codec import build_codec
+from hev_can_emu.messages.database import Database, load_database
+from hev_can_emu.messages.definitions import SignalDef
+from hev_can_emu.messages.frame import FRAME, make_frames
+from hev_can_emu.messages.protection import build_protection
+from hev_can_emu.messages.restbus import build_restbus, reset_restbus, restbus_state_size
+from hev_can_emu.messages.transfer import receive_state_size, reset_receive
+from hev_can_emu.plant import driveline, powertrain
+from hev_can_emu.plant.assembly import Start, build_plant, driveline_structure, start_state
+from hev_can_emu.runtime import tick
+from hev_can_emu.runtime.setup import PROTECTION_MODES, Setup, load_car, network_files
+from hev_can_emu.runtime.tick import TICK_NS, Constants, State, run_ticks
+
+BOOT_NS = 100_000_000
+AFTERRUN_NS = 500_000_000
+FRAMES_OUT = 8192
+EVENTS = 4096
+
+_DRIVER_PORTS = (
+    ports.ACCELERATOR,
+    ports.BRAKE_PEDAL,
+    ports.SELECTOR,
+    ports.IGNITION,
+    ports.ROAD_GRADE,
+    ports.AMBIENT_TEMPERATURE,
+)
+_MODELS = {"4dof": 0, "16dof": 1, "detailed": 2}
+_MODE_NAMES = (
+    "transition", "series", "parallel_g1", "parallel_g2",
+    "electric_neutral", "electric_g1", "electric_g2",
+)  # fmt: skip
+_PHASES = (
+    "neutral", "travel", "synchronising", "index", "engaged",
+    "disengaging", "aborted", "blocked by torque", "grating",
+)  # fmt: skip
+_LOCKS = ("C1", "G1", "G2", "left brake", "right brake", "body")
+_REQUEST_STATES = (
+    "ok", "never received", "timed out", "wrong CRC", "wrong counter", "wrong length",
+    "out of range", "not available",
+)  # fmt: skip
+
+
+class Event(NamedTuple):
+    """Something that happened, at ``t_ns``: ``kind`` and ``text`` for people, the record's numbers beside."""
+
+    t_ns: int
+    kind: str
+    text: str
+    number: int
+    value: float
+
+
+class Emulator:
+    """A car with its control units on a network.
+
+    Args:
+        setup: what to build.
+
+    Raises:
+        InputError: a file or choice cannot be used.
+
+    Attributes:
+        database: the network.
+        on_bus: signals as last seen on the bus, physical values in the DBC's units, NaN not available.
+        seen_ns: time of each signal's last frame, -1 never.
+    """
+
+    def __init__(self, setup: Setup | None = None) -> None:
+        self.setup = setup or Setup()
+        self.setup.check()
+        parameters, machines, vehicle = load_car(self.setup.vehicle)
+        self.vehicle_name = vehicle.name
+        self.provenance = vehicle.provenance
+        dbc, document, bindings = network_files(self.setup)
+        self.database: Database = load_database(dbc)
+        ties = resolve(bindings, self.database, document.where)
+        self.node_names = tuple(bindings.nodes)
+        structure = driveline_structure(parameters, self.setup.model, self.setup.reduction)
+        plant = build_plant(parameters, machines, structure)
+        driver_nodes = self._nodes_with(ties, _DRIVER_PORTS)
+        owners = self._owners(ties)
+        self.origin = _origins(self.database, ties, owners, driver_nodes)
+        # A played node's frames are received like anybody's, so its ties must count.
+        played = {node: OWNER_EXTERNAL for node in driver_nodes if owners[node] == OWNER_EMULATED}
+        ties = with_ownership(ties, {**dict(enumerate(owners)), **played})
+        awake_always = driver_nodes | self._nodes_sending(ties, ports.S_DRIVING_MODE)
+        codec = build_codec(self.database)
+        self.constants = Constants(
+            codec=codec,
+            protection=build_protection([m.protection for m in self.database.messages]),
+            restbus=build_restbus(self.database),
+            ties=ties,
+            plant=plant,
+            follows_ignition=np.array(
+                [node not in awake_always for node in range(len(self.node_names))], dtype=np.uint8
+            ),
+            boot_ns=BOOT_NS,
+            afterrun_ns=AFTERRUN_NS,
+            protection_mode=PROTECTION_MODES.index(self.setup.protection),
+            model=_MODELS[self.setup.model],
+            tyre_radius=parameters.tyre_radius,
+            brake_max=machines.brakes.max_torque,
+        )
+        self._buffer, self.state = _allocate(self.constants, self.origin)
+        self._start()
+        self._out = make_frames(FRAMES_OUT)
+        self._events = np.zeros(EVENTS, dtype=driveline.EVENT)
+        self._result = np.zeros(4, dtype=np.int64)
+        self._noted: list[Event] = []
+        self._none = make_frames(1)
+
+    # Building
+
+    def _owners(self, ties: ResolvedBindings) -> list[int]:
+        owners = [int(owner) for owner in ties.node_ownership]
+        known = ("emulated", "external", "silent")
+        for name, owner in self.setup.nodes.items():
+            if name not in self.node_names:
+                hint = did_you_mean(name, self.node_names)
+                raise InputError(
+                    "--node", f"one of {', '.join(self.node_names)}", f"'{name}'", hint
+                )
+            owners[self.node_names.index(name)] = known.index(owner)
+        return owners
+
+    @staticmethod
+    def _nodes_with(ties: ResolvedBindings, wanted: Iterable[int]) -> set[int]:
+        """Nodes of emulated role whose frames set one of the driver's and road's ports."""
+        found = set()
+        for message, node in enumerate(ties.message_node):
+            if node < 0 or ties.node_role[node] == ROLE_CONTROLLER:
+                continue
+            received = ties.rx_port[ties.rx_start[message] : ties.rx_start[message + 1]]
+            if np.isin(received, list(wanted)).any():
+                found.add(int(node))
+        return found
+
+    @staticmethod
+    def _nodes_sending(ties: ResolvedBindings, port: int) -> set[int]:
+        return {
+            int(node)
+            for message, node in enumerate(ties.message_node)
+            if node >= 0
+            and port in ties.tx_port[ties.tx_start[message] : ties.tx_start[message + 1]]
+        }
+
+    def _start(self) -> None:
+        """Bring the state to the start: everything at rest, nothing received."""
+        state, constants, setup = self.state, self.constants, self.setup
+        ready = setup.start == "ready"
+        begin = Start(state_of_charge=setup.state_of_charge, closed=ready)
+        x, n, truth = start_state(constants.plant, begin)
+        state.plant_x[:], state.plant_n[:], state.truth[:] = x, n, truth
+        state.command[:] = np.nan
+        for vector in (state.requests, state.held, state.effective, state.values, state.on_bus):
+            vector[:] = np.nan
+        state.share[:] = 1.0
+        state.seen_ns[:] = -1
+        state.power[:] = tick.AWAKE if ready else tick.ASLEEP
+        state.power[constants.follows_ignition == 0] = tick.AWAKE
+        state.scalars[tick.LAST_MODE] = ports.MODE_ELECTRIC_NEUTRAL
+        state.unit_state[control.CONTACTORS_WANTED] = float(ready)
+        reset_restbus(constants.restbus, state.transmit, 0)
+        reset_receive(constants.codec, state.receive)
+        supervision.reset_supervision(state.supervision)
+        inputs = {
+            ports.ACCELERATOR: 0.0,
+            ports.BRAKE_PEDAL: 0.0,
+            ports.SELECTOR: 3.0 if ready else 0.0,
+            ports.IGNITION: 2.0 if ready else 0.0,
+            ports.ROAD_GRADE: 0.0,
+            ports.AMBIENT_TEMPERATURE: begin.temperature,
+        }
+        for message in self.database.messages:
+            if self.origin[message.index] == tick.ORIGIN_PLAYED:
+                for signal in message.signals:
+                    state.values[signal.index] = _initial(signal)
+                self._play_inputs(message.index, inputs)
+        for port, value in inputs.items():
+            state.requests[port] = state.effective[port] = value
+
+    def _play_inputs(self, message: int, inputs: dict[int, float]) -> None:
+        """Let the signals of a played message carry the driver's and road's starting values."""
+        ties = self.constants.ties
+        for tie in range(ties.rx_start[message], ties.rx_start[message + 1]):
+            port = int(ties.rx_port[tie])
+            if port not in inputs:
+                continue
+            value = (inputs[port] - ties.rx_offset[tie]) / ties.rx_gain[tie]
+            for i in range(ties.rx_map_start[tie], ties.rx_map_stop[tie]):
+                if ties.map_code[i] == inputs[port]:
+                    value = ties.map_value[i]
+            self.state.values[ties.rx_signal[tie]] = value
+
+    # Running
+
+    @property
+    def now_ns(self) -> int:
+        """Time of the next tick, ns since the start."""
+        return int(self.state.scalars[tick.TICKS]) * TICK_NS
+
+    @property
+    def on_bus(self) -> npt.NDArray[np.float64]:
+        """Signals as last seen on the bus (a live view)."""
+        return self.state.on_bus
+
+    @property
+    def seen_ns(self) -> npt.NDArray[np.int64]:
+        """Time of each signal's last frame, -1 never (a live view)."""
+        return self.state.seen_ns
+
+    def advance(
+        self, until_ns: int, frames: npt.NDArray[np.void] | None = None, count: int = 0
+    ) -> npt.NDArray[np.void]:
+        """Run every tick before ``until_ns`` and return the frames sent.
+
+        Args:
+            until_ns: time to stop at; ticks lie on whole milliseconds.
+            frames: received frames in order of time (FRAME records).
+            count: how many of them.
+
+        Returns:
+            FRAME records, valid until the next call where one buffer held them all.
+        """
+        ticks = -(-(until_ns - self.now_ns) // TICK_NS)
+        given = self._none if frames is None else frames
+        parts: list[npt.NDArray[np.void]] = []
+        taken = 0
+        while True:
+            run_ticks(
+                self.constants, self.state, max(ticks, 0), given[taken:], count - taken,
+                self._out, self._events, self._result,
+            )  # fmt: skip
+            sent, used, noted, done = (int(value) for value in self._result)
+            if noted:
+                self._noted.extend(self._translate(event) for event in self._events[:noted])
+            taken += used
+            ticks -= done
+            if ticks <= 0:
+                break
+            parts.append(self._out[:sent].copy())
+        if not parts:
+            return self._out[:sent]
+        return np.concatenate([*parts, self._out[:sent]])
+
+    def set_value(self, signal: int, value: float) -> None:
+        """Set what a played node sends: physical value in the DBC's unit, NaN for not available."""
+        self.state.values[signal] = value
+
+    def send_message(self, message: int, enabled: bool) -> None:
+        """Stop or resume the sending of one message."""
+        self.state.muted[message] = 0 if enabled else 1
+
+    def signal(self, name: str) -> float:
+        """Return a signal as last seen on the bus; raises InputError for an unknown name."""
+        return float(self.state.on_bus[self.database.signal(name).index])
+
+    def truth(self, name: str) -> float:
+        """Return a quantity of the plant, SI; ``name`` is one of powertrain.TRUTH."""
+        if name not in powertrain.TRUTH:
+            hint = did_you_mean(name, powertrain.TRUTH)
+            raise InputError("truth", "a name of the plant's truth", f"'{name}'", hint)
+        return float(self.state.truth[powertrain.TRUTH.index(name)])
+
+    def take_events(self) -> list[Event]:
+        """Return what happened since the last call."""
+        events, self._noted = self._noted, []
+        return events
+
+    def snapshot(self) -> bytes:
+        """Return the whole state."""
+        return self._buffer.tobytes()
+
+    def restore(self, snapshot: bytes) -> None:
+        """Go back to a snapshot of this emulator; raises ValueError for another's."""
+        if len(snapshot) != self._buffer.size:
+            raise ValueError("snapshot of another emulator: its size differs")
+        self._buffer[:] = np.frombuffer(snapshot, dtype=np.uint8)
+
+    def _translate(self, record: np.void) -> Event:
+        kind, index, value = int(record["kind"]), int(record["index"]), float(record["value"])
+        messages = self.database.messages
+        if kind == driveline.LOCKED:
+            name, text = "lock", f"{_LOCKS[index]} holds"
+        elif kind == driveline.RELEASED:
+            name, text = "release", f"{_LOCKS[index]} slips at {value:.1f} Nm"
+        elif kind == driveline.REVERSED:
+            name, text = "reverse", f"{_LOCKS[index]} slips the other way"
+        elif kind == supervision.LOST:
+            name, text = "lost", f"{messages[index].name}: {_REQUEST_STATES[int(value)]}"
+        elif kind == supervision.HEALED:
+            name, text = "healed", f"{messages[index].name} is back"
+        elif kind == tick.MODE_CHANGED:
+            name, text = "mode", _MODE_NAMES[index]
+        elif kind == tick.SYNC_CHANGED:
+            name, text = "synchronizer", _PHASES[int(value)]
+        else:
+            name, text = "conflict", f"{messages[index].name} is also sent by another node"
+        return Event(int(record["t_ns"]), name, text, index, value)
+
+
+def _initial(signal: SignalDef) -> float:
+    """Return a signal's physical start value, NaN for none or not available."""
+    raw = signal.initial
+    if raw is None or raw == signal.not_available:
+        return float("nan")
+    return raw * signal.scale + signal.offset
+
+
+def _origins(
+    database: Database, ties: ResolvedBindings, owners: list[int], driver_nodes: set[int]
+) -> npt.NDArray[np.uint8]:
+    """Say for each message who sends it: a unit, a played node, somebody on the bus, nobody."""
+    origin = np.zeros(len(database.messages), dtype=np.uint8)
+    for message, node in enumerate(ties.message_node):
+        if node < 0:
+            continue
+        if owners[node] == OWNER_EXTERNAL:
+            origin[message] = tick.ORIGIN_BUS
+        elif owners[node] == OWNER_EMULATED:
+            plays = ties.node_role[node] == ROLE_CONTROLLER or int(node) in driver_nodes
+            origin[message] = tick.ORIGIN_PLAYED if plays else tick.ORIGIN_UNIT
+    return origin
+
+
+def _allocate(
+    constants: Constants, origin: npt.NDArray[np.uint8]
+) -> tuple[npt.NDArray[np.uint8], State]:
+    """Lay the whole state out in one buffer; return it and the views."""
+    messages = len(origin)
+    signals = constants.codec.signals.shape[0]
+    nodes = len(constants.follows_ignition)
+    nx = constants.plant.bank.flow.shape[3]
+    i8, f8, u1 = np.dtype(np.int64), np.dtype(np.float64), np.dtype(np.uint8)
+    layout: dict[str, tuple[np.dtype[np.generic], tuple[int, ...]]] = {
+        "scalars": (i8, (tick.N_SCALARS,)),
+        "plant_n": (i8, (driveline.N_INTEGERS,)),
+        "transmit": (i8, (restbus_state_size(constants.restbus),)),
+        "receive": (i8, (receive_state_size(constants.codec),)),
+        "supervision": (i8, (messages, supervision.COLUMNS)),
+        "seen_ns": (i8, (signals,)),
+        "power": (i8, (nodes,)),
+        "power_since_ns": (i8, (nodes,)),
+        "plant_x": (f8, (powertrain.X_DRIVELINE + nx,)),
+        "truth": (f8, (len(powertrain.TRUTH),)),
+        "command": (f8, (len(powertrain.COMMANDS),)),
+        "requests": (f8, (len(ports.REQUESTS),)),
+        "held": (f8, (len(ports.REQUESTS),)),
+        "effective": (f8, (len(ports.REQUESTS),)),
+        "share": (f8, (len(ports.REQUESTS),)),
+        "statuses": (f8, (len(ports.STATUSES),)),
+        "unit_state": (f8, (control.N_STATE,)),
+        "values": (f8, (signals,)),
+        "on_bus": (f8, (signals,)),
+        "work": (f8, (96,)),
+        "origin": (u1, (messages,)),
+        "muted": (u1, (messages,)),
+        "enabled": (u1, (messages,)),
+        "accept": (u1, (messages,)),
+        "pending": (FRAME, (max(messages, 1),)),
+    }
+    sizes = {
+        name: -(-int(np.prod(shape)) * kind.itemsize // 8) * 8
+        for name, (kind, shape) in layout.items()
+    }
+    buffer = np.zeros(sum(sizes.values()), dtype=np.uint8)
+    views, at = {}, 0
+    for name, (kind, shape) in layout.items():
+        length = int(np.prod(shape)) * kind.itemsize
+        views[name] = buffer[at : at + length].view(kind).reshape(shape)
+        at += sizes[name]
+    state = State(**views)
+    state.origin[:] = origin
+    state.accept[:] = origin == tick.ORIGIN_BUS
+    return buffer, state

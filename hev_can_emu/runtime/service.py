@@ -1,0 +1,203 @@
+"""The service: an emulator on a bus in real time, as one asyncio task group.
+
+One grid of absolute 1 ms deadlines; at each, frames are drained from the bus, one compiled call advances
+the car, and what is due is handed to the bus's own sender.  A tick that starts a whole period or more after
+its deadline is an *overrun*: it is counted, made up for at once (all missed ticks in one call, so no
+cyclic message is lost), and the grid stays.  A stall of more than a second (suspended machine) is not made
+up for: car time stands still meanwhile, and the jump is counted.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import signal
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hev_can_emu.bus.port import Bus
+from hev_can_emu.errors import BusError
+from hev_can_emu.messages.frame import make_frames
+from hev_can_emu.runtime.clock import Grid
+from hev_can_emu.runtime.emulator import Emulator, Event
+from hev_can_emu.runtime.playing import Playing
+from hev_can_emu.runtime.tick import TICK_NS
+from hev_can_emu.runtime.virtual import FrameSink
+
+RECEIVE_FRAMES = 8192
+STALL_NS = 1_000_000_000
+
+
+@dataclass
+class Statistics:
+    """How a run in real time went; times in ns."""
+
+    ticks: int = 0
+    overruns: int = 0
+    stalls: int = 0
+    stalled_ns: int = 0
+    sent: int = 0
+    received: int = 0
+    late_ns: list[int] = field(default_factory=list)
+
+    def lateness_us(self) -> tuple[float, float, float]:
+        """Return median, 99th percentile and maximum lateness of a tick's end, us."""
+        if not self.late_ns:
+            return 0.0, 0.0, 0.0
+        late = np.array(self.late_ns) / 1e3
+        return float(np.median(late)), float(np.percentile(late, 99)), float(late.max())
+
+
+class Service:
+    """Runs an emulator on a bus until told to stop.
+
+    Args:
+        emulator: the car.
+        make_bus: makes the bus from the clock that stamps received frames.
+        sinks: take what is received and sent, as recorders do.
+        playing: a scenario, or None.
+        duration_ns: car time to stop at, or None.
+        on_ready: called once the bus is open.
+        on_status: called about five times a second.
+        on_event: called with each event and each notice of the bus.
+    """
+
+    def __init__(
+        self,
+        emulator: Emulator,
+        make_bus: Callable[[Callable[[], int]], Bus],
+        sinks: Sequence[FrameSink] = (),
+        playing: Playing | None = None,
+        duration_ns: int | None = None,
+        on_ready: Callable[[Bus], None] | None = None,
+        on_status: Callable[[Statistics], None] | None = None,
+        on_event: Callable[[Event], None] | None = None,
+    ) -> None:
+        self.emulator = emulator
+        self.statistics = Statistics()
+        self.interrupted = False
+        self._sinks = sinks
+        self._playing = playing
+        self._duration_ns = duration_ns
+        self._on_ready = on_ready
+        self._on_status = on_status
+        self._on_event = on_event
+        self._start_ns = time.monotonic_ns()
+        self.bus = make_bus(self._now_ns)
+        self._received = make_frames(RECEIVE_FRAMES)
+        self._stop = asyncio.Event()
+        self._failure: Exception | None = None
+
+    def stop(self) -> None:
+        """End the run after the present tick."""
+        self._stop.set()
+
+    async def run(self) -> None:
+        """Run to the end; raises BusError when the bus is lost, InputError when it cannot be opened."""
+        loop = asyncio.get_running_loop()
+        with contextlib.ExitStack() as undo:
+            for number in (signal.SIGINT, signal.SIGTERM):
+                with contextlib.suppress(ValueError, RuntimeError, NotImplementedError):
+                    loop.add_signal_handler(number, self._interrupt)
+                    undo.callback(loop.remove_signal_handler, number)
+            async with self.bus:
+                if self._on_ready is not None:
+                    self._on_ready(self.bus)
+                async with asyncio.TaskGroup() as tasks:
+                    reporter = tasks.create_task(self._report(), name="status")
+                    await self._tick_until_stopped()
+                    reporter.cancel()
+        if self._failure is not None:
+            raise self._failure
+
+    def _interrupt(self) -> None:
+        self.interrupted = True
+        self.stop()
+
+    def _now_ns(self) -> int:
+        return time.monotonic_ns() - self._start_ns
+
+    async def _tick_until_stopped(self) -> None:
+        # The car's time starts with the first deadline, a moment from now.
+        self._start_ns = time.monotonic_ns() + 5 * TICK_NS - self.emulator.now_ns
+        grid = Grid(self._start_ns + self.emulator.now_ns, TICK_NS, self._due)
+        grid.start()
+        try:
+            await self._stop.wait()
+        finally:
+            grid.stop()
+
+    def _due(self) -> None:
+        """Do every tick whose deadline has passed."""
+        if self._stop.is_set():
+            return
+        try:
+            self._catch_up()
+        except Exception as error:  # noqa: BLE001 - carried to run(), which raises it
+            self._failure = error
+            self.stop()
+
+    def _catch_up(self) -> None:
+        emulator, statistics = self.emulator, self.statistics
+        now = self._now_ns()
+        behind = now - emulator.now_ns
+        if behind < 0:
+            return
+        if behind >= STALL_NS:
+            lost = behind // TICK_NS * TICK_NS
+            self._start_ns += lost
+            statistics.stalls += 1
+            statistics.stalled_ns += lost
+            now -= lost
+            behind -= lost
+        missed = behind // TICK_NS
+        statistics.overruns += missed
+        count = self.bus.drain(self._received, RECEIVE_FRAMES)
+        statistics.received += count
+        until = emulator.now_ns + (missed + 1) * TICK_NS
+        if self._playing is None:
+            self._advance(until, count)
+        else:
+            # A scenario looks at every tick.
+            while emulator.now_ns < until and not self._playing.finished:
+                self._playing.act(emulator.now_ns)
+                self._advance(emulator.now_ns + TICK_NS, count)
+                count = 0
+        statistics.ticks += missed + 1
+        statistics.late_ns.append(self._now_ns() - (emulator.now_ns - TICK_NS))
+        over = self._duration_ns is not None and emulator.now_ns >= self._duration_ns
+        if over or (self._playing is not None and self._playing.finished):
+            self.stop()
+
+    def _advance(self, until_ns: int, count: int) -> None:
+        frames = self.emulator.advance(until_ns, self._received, count)
+        if len(frames):
+            self.statistics.sent += len(frames)
+            self.bus.send(frames, len(frames))
+        for sink in self._sinks:
+            sink(self._received, count)
+            sink(frames, len(frames))
+
+    async def _report(self) -> None:
+        """Tell status, events and the bus's notices, off the tick's path."""
+        while True:
+            await asyncio.sleep(0.2)
+            self.tell()
+            if self._on_status is not None:
+                self._on_status(self.statistics)
+            lost = self.bus.lost
+            if lost is not None:
+                raise BusError(str(lost)) from lost
+
+    def tell(self) -> None:
+        """Hand over events and notices that have come since the last time."""
+        events = self.emulator.take_events()
+        if self._on_event is None:
+            return
+        for event in events:
+            self._on_event(event)
+        for notice in self.bus.take_notices():
+            self._on_event(Event(self.emulator.now_ns, "bus", notice, 0, 0.0))

@@ -1,0 +1,107 @@
+"""What a run consists of: car, network, ownership of nodes; read from files and checked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import msgspec
+
+from hev_can_emu import config
+from hev_can_emu.ecu.bindings_file import Bindings
+from hev_can_emu.errors import InputError, did_you_mean
+from hev_can_emu.plant.assembly import MODELS
+from hev_can_emu.plant.machines import Machines
+from hev_can_emu.plant.reduction import REDUCTIONS
+from hev_can_emu.plant.vehicle import DrivelineParameters
+from hev_can_emu.plant.vehicle_file import VehicleFile, driveline_parameters, machine_parameters
+from hev_can_emu.resources import folder
+
+PROTECTION_MODES = ("off", "observe", "enforce")
+OWNERS = ("emulated", "external", "silent")
+STARTS = ("ready", "off")
+DEFAULT_VEHICLE = "dai2024"
+
+
+class Setup(msgspec.Struct, frozen=True, kw_only=True):
+    """Everything that decides how an emulator behaves; all of it has a default.
+
+    Attributes:
+        vehicle: name of a shipped vehicle, or a file.
+        model: one of MODELS.
+        reduction: how ``4dof`` is reduced, one of REDUCTIONS.
+        dbc: network file; None for the shipped one.
+        bindings: what its signals mean; None for the shipped ones.
+        protection: what is done with counters and CRCs of received frames.
+        start: ``ready``: ignition on, booted, contactors closed; ``off``: everything asleep.
+        nodes: owner per node name, where it differs from the bindings' default.
+        state_of_charge: at the start, 0 to 1.
+    """
+
+    vehicle: str = DEFAULT_VEHICLE
+    model: str = "16dof"
+    reduction: str = "load-weighted"
+    dbc: str | None = None
+    bindings: str | None = None
+    protection: str = "enforce"
+    start: str = "ready"
+    nodes: Mapping[str, str] = {}
+    state_of_charge: float = 0.6
+
+    def check(self) -> None:
+        """Raise InputError for a choice that does not exist."""
+        _choose("--model", self.model, MODELS)
+        _choose("--reduction", self.reduction, REDUCTIONS)
+        _choose("--protection", self.protection, PROTECTION_MODES)
+        _choose("--start", self.start, STARTS)
+        for node, owner in self.nodes.items():
+            _choose(f"--node {node}", owner, OWNERS)
+
+
+def _choose(where: str, value: str, known: tuple[str, ...]) -> None:
+    if value not in known:
+        raise InputError(
+            where, f"one of {', '.join(known)}", f"'{value}'", did_you_mean(value, known)
+        )
+
+
+def find_shipped(name: str, kind: str, suffix: str, where: str) -> Path:
+    """Return ``name`` as a path where it is one, else the shipped file of that name.
+
+    Args:
+        name: path, or name without ending.
+        kind: folder of the shipped files.
+        suffix: their ending.
+        where: what to blame.
+
+    Raises:
+        InputError: neither exists.
+    """
+    path = Path(name)
+    if path.suffix or len(path.parts) > 1 or path.exists():
+        return path
+    place = folder(kind)  # type: ignore[arg-type]
+    known = sorted(file.stem for file in place.glob(f"*{suffix}"))
+    if name not in known:
+        hint = did_you_mean(name, known) or f"shipped: {', '.join(known)}"
+        raise InputError(where, "a file, or the name of a shipped one", f"'{name}'", hint)
+    return place / f"{name}{suffix}"
+
+
+def load_car(name: str) -> tuple[DrivelineParameters, Machines, VehicleFile]:
+    """Return a car's parameters, checked; raises InputError."""
+    path = find_shipped(name, "vehicles", ".yaml", "--vehicle")
+    file = config.load(path, VehicleFile)
+    return (
+        driveline_parameters(file.driveline, str(path)),
+        machine_parameters(file, str(path)),
+        file,
+    )
+
+
+def network_files(setup: Setup) -> tuple[Path, config.Document, Bindings]:
+    """Return the DBC's path, and the bindings with the document that locates complaints."""
+    dbc = Path(setup.dbc) if setup.dbc else folder("dbc") / "hev.dbc"
+    beside = Path(setup.bindings) if setup.bindings else folder("dbc") / "hev.bindings.yaml"
+    document = config.read(beside)
+    return dbc, document, document.convert(Bindings)

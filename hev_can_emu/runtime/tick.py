@@ -1,0 +1,291 @@
+"""The tick: the one compiled call between frames in and frames out.
+
+The order of events at tick k (t = k ms) is this function, top to bottom: frames received at or before t
+(those this program sent itself in the last tick first, then the bus's, in order of arrival);
+supervision; the units' control; sampling and sending what is due at t, by identifier; the plant
+to t + 1 ms.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from hev_can_emu.ecu import ports
+from hev_can_emu.ecu.control import IGNITION_ON, commands_from_requests
+from hev_can_emu.ecu.reporting import statuses_from_truth
+from hev_can_emu.ecu.supervision import REFUSED as SUP_REFUSED
+from hev_can_emu.ecu.supervision import take_message, watch
+from hev_can_emu.ecu.ties import ResolvedBindings, message_from_statuses
+from hev_can_emu.jit import kernel
+from hev_can_emu.messages.codec import M_COUNT, M_FIRST, Codec, find_message
+from hev_can_emu.messages.frame import ERROR, EXTENDED, REMOTE, SENT
+from hev_can_emu.messages.protection import Protection
+from hev_can_emu.messages.restbus import Restbus
+from hev_can_emu.messages.transfer import receive, transmit
+from hev_can_emu.plant.powertrain import Y_SYNC_PHASE, Plant, plant_step
+
+Array = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
+Flags = npt.NDArray[np.uint8]
+Frames = npt.NDArray[np.void]
+
+TICK_NS = 1_000_000
+
+# Kinds of message origin.
+ORIGIN_NONE, ORIGIN_UNIT, ORIGIN_PLAYED, ORIGIN_BUS = 0, 1, 2, 3
+# Power of an emulated node.
+ASLEEP, BOOTING, AWAKE, AFTERRUN = 0, 1, 2, 3
+
+# Scalars of the int64 state.
+TICKS, PENDING, UNKNOWN, CONFLICTS, RECEIVED, SENT_FRAMES, FAILED, REFUSED, LAST_MODE = range(9)
+N_SCALARS = 9
+
+MODE_CHANGED, SYNC_CHANGED, CONFLICT = 20, 21, 22  #: kinds of events
+
+
+class Constants(NamedTuple):
+    """What a run does not change: network tables and plant.
+
+    ``follows_ignition``: uint8 (nodes); ``boot_ns``, ``afterrun_ns``: time from ignition on to valid
+    values, and from ignition off to silence.
+    """
+
+    codec: Codec
+    protection: Protection
+    restbus: Restbus
+    ties: ResolvedBindings
+    plant: Plant
+    follows_ignition: Flags
+    boot_ns: int
+    afterrun_ns: int
+    protection_mode: int
+    model: int
+    tyre_radius: float
+    brake_max: float
+
+
+class State(NamedTuple):
+    """What a run changes; all arrays are views of one buffer.
+
+    ``origin``: uint8 (messages), ORIGIN_*; ``muted``: uint8 (messages), 1 stops a message;
+    ``values``: signals to send; ``on_bus``: signals as last seen on the bus; ``seen_ns``: when.
+    """
+
+    scalars: Integers
+    plant_n: Integers
+    transmit: Integers
+    receive: Integers
+    supervision: Integers
+    seen_ns: Integers
+    power: Integers
+    power_since_ns: Integers
+    plant_x: Array
+    truth: Array
+    command: Array
+    requests: Array
+    held: Array
+    effective: Array
+    share: Array
+    statuses: Array
+    unit_state: Array
+    values: Array
+    on_bus: Array
+    work: Array
+    origin: Flags
+    muted: Flags
+    enabled: Flags
+    accept: Flags
+    pending: Frames
+
+
+@kernel
+def _note(events: Frames, n_events: int, t_ns: int, kind: int, index: int, value: float) -> int:
+    if n_events < events.shape[0]:
+        events[n_events]["t_ns"] = t_ns
+        events[n_events]["kind"] = kind
+        events[n_events]["index"] = index
+        events[n_events]["value"] = value
+        return n_events + 1
+    return n_events
+
+
+@kernel
+def _mark_seen(codec: Codec, seen_ns: Integers, message: int, t_ns: int) -> None:
+    first = codec.messages[message, M_FIRST]
+    for signal in range(first, first + codec.messages[message, M_COUNT]):
+        seen_ns[signal] = t_ns
+
+
+@kernel
+def _take_frame(
+    constants: Constants, state: State, frames: Frames, i: int, accept: Flags, t_ns: int
+) -> None:
+    """Receive one frame: decode, check, supervise."""
+    message, code = receive(
+        constants.codec, constants.protection, state.receive, accept,
+        constants.protection_mode, frames, i, state.on_bus,
+    )  # fmt: skip
+    if message < 0:
+        return
+    take_message(
+        constants.ties, state.supervision, message, code, constants.protection_mode,
+        state.on_bus, state.requests, t_ns,
+    )  # fmt: skip
+    _mark_seen(constants.codec, state.seen_ns, message, t_ns)
+
+
+@kernel
+def _power_nodes(constants: Constants, state: State, t_ns: int) -> None:
+    """Nodes boot and fall asleep with the ignition; a message is enabled while its sender is up."""
+    ignition = state.effective[ports.IGNITION]
+    on = ignition >= IGNITION_ON
+    for node in range(state.power.shape[0]):
+        phase = state.power[node]
+        since = t_ns - state.power_since_ns[node]
+        new = phase
+        if constants.follows_ignition[node] == 0:
+            new = AWAKE
+        elif on and phase in (ASLEEP, AFTERRUN):
+            new = BOOTING if phase == ASLEEP else AWAKE
+        elif on and phase == BOOTING and since >= constants.boot_ns:
+            new = AWAKE
+        elif not on and phase in (BOOTING, AWAKE):
+            new = AFTERRUN
+        elif not on and phase == AFTERRUN and since >= constants.afterrun_ns:
+            new = ASLEEP
+        if new != phase:
+            state.power[node] = new
+            state.power_since_ns[node] = t_ns
+    for message in range(state.origin.shape[0]):
+        enabled = 0
+        if state.muted[message] == 0:
+            if state.origin[message] == ORIGIN_PLAYED:
+                enabled = 1
+            elif state.origin[message] == ORIGIN_UNIT:
+                enabled = 1 if state.power[constants.ties.message_node[message]] != ASLEEP else 0
+        state.enabled[message] = enabled
+
+
+@kernel
+def _fill_values(constants: Constants, state: State) -> None:
+    """Statuses become signals; a booting node knows nothing yet."""
+    for message in range(state.origin.shape[0]):
+        if state.origin[message] != ORIGIN_UNIT or state.enabled[message] == 0:
+            continue
+        if state.power[constants.ties.message_node[message]] == BOOTING:
+            first = constants.codec.messages[message, M_FIRST]
+            for signal in range(first, first + constants.codec.messages[message, M_COUNT]):
+                state.values[signal] = np.nan
+        else:
+            message_from_statuses(constants.ties, message, state.statuses, state.values)
+
+
+@kernel
+def run_ticks(
+    constants: Constants,
+    state: State,
+    ticks: int,
+    frames_in: Frames,
+    n_in: int,
+    frames_out: Frames,
+    events: Frames,
+    result: Integers,
+) -> Any:
+    """Advance by up to ``ticks`` ticks.
+
+    Args:
+        constants, state: see there.
+        ticks: how many.
+        frames_in: received frames, in order of time; ``n_in`` of them.
+        frames_out: room for what is sent; ends early when fewer than one tick's worth is left.
+        events: room for event records.
+        result: out: frames sent, frames taken from ``frames_in``, events, ticks done.
+
+    Returns:
+        The number of ticks done.
+    """
+    codec = constants.codec
+    messages = state.origin.shape[0]
+    n_out = 0
+    taken = 0
+    n_events = 0
+    done = 0
+    while done < ticks and n_out + messages <= frames_out.shape[0]:
+        t_ns = state.scalars[TICKS] * TICK_NS
+
+        # Frames of played nodes come back as any receiver sees them.
+        for i in range(state.scalars[PENDING]):
+            _take_frame(constants, state, state.pending, i, state.enabled, t_ns)
+        state.scalars[PENDING] = 0
+        while taken < n_in and frames_in[taken]["t_ns"] <= t_ns:
+            state.scalars[RECEIVED] += 1
+            flags = np.int64(frames_in[taken]["flags"])
+            if flags & (REMOTE | ERROR) == 0:
+                message = find_message(codec, frames_in[taken]["id"], flags & EXTENDED)
+                if message < 0:
+                    state.scalars[UNKNOWN] += 1
+                elif state.origin[message] in (ORIGIN_UNIT, ORIGIN_PLAYED):
+                    # Somebody else sends what is ours: told, never obeyed.
+                    if state.scalars[CONFLICTS] == 0:
+                        n_events = _note(events, n_events, t_ns, CONFLICT, message, 0.0)
+                    state.scalars[CONFLICTS] += 1
+                else:
+                    _take_frame(constants, state, frames_in, taken, state.accept, t_ns)
+            taken += 1
+
+        failed, n_events = watch(
+            constants.ties, state.supervision, state.requests, state.held, state.effective,
+            state.share, state.statuses, t_ns, events, n_events,
+        )  # fmt: skip
+        state.scalars[FAILED] = failed
+        refused = 0
+        for message in range(messages):
+            refused += state.supervision[message, SUP_REFUSED]
+        state.scalars[REFUSED] = refused
+        commands_from_requests(
+            state.effective, state.share, state.statuses, state.truth, constants.brake_max,
+            state.unit_state, state.command,
+        )  # fmt: skip
+        statuses_from_truth(
+            state.truth, state.command, state.requests, constants.tyre_radius, constants.model,
+            failed, refused, state.statuses,
+        )  # fmt: skip
+        mode = int(state.statuses[ports.S_DRIVING_MODE])
+        if mode != state.scalars[LAST_MODE]:
+            state.scalars[LAST_MODE] = mode
+            n_events = _note(events, n_events, t_ns, MODE_CHANGED, mode, 0.0)
+        _power_nodes(constants, state, t_ns)
+        _fill_values(constants, state)
+
+        first = n_out
+        n_out = transmit(
+            codec, constants.protection, constants.restbus, state.transmit, state.enabled,
+            state.values, state.on_bus, t_ns, frames_out, n_out, frames_out.shape[0],
+        )  # fmt: skip
+        state.scalars[SENT_FRAMES] += n_out - first
+        for i in range(first, n_out):
+            extended = np.int64(frames_out[i]["flags"]) & EXTENDED
+            message = find_message(codec, frames_out[i]["id"], extended)
+            _mark_seen(codec, state.seen_ns, message, t_ns)
+            if state.origin[message] == ORIGIN_PLAYED:
+                slot = state.scalars[PENDING]
+                state.pending[slot] = frames_out[i]
+                state.pending[slot]["flags"] = np.int64(frames_out[i]["flags"]) & ~SENT
+                state.scalars[PENDING] = slot + 1
+
+        phase = state.statuses[ports.S_SYNCHRONIZER_STATE]
+        n_events = plant_step(
+            constants.plant, state.plant_x, state.plant_n, state.command, state.truth,
+            state.work, t_ns, events, n_events,
+        )  # fmt: skip
+        if state.truth[Y_SYNC_PHASE] != phase:
+            n_events = _note(
+                events, n_events, t_ns + TICK_NS, SYNC_CHANGED, 0, state.truth[Y_SYNC_PHASE]
+            )
+        state.scalars[TICKS] += 1
+        done += 1
+    result[0], result[1], result[2], result[3] = n_out, taken, n_events, done
+    return done
