@@ -38,6 +38,7 @@ class Modes:
 
 
 _LUMPED_NAMES = {"E": "JE", "M": "JM", "E+M": "JE+JM", "lw": "Jlw", "rw": "Jrw", "v": "Jv"}
+_MERGED_NAMES = {"Jc1+Jc2": "Jc", "Jsleeve+Jg11": "Jsg1", "Jsleeve+Jg21": "Jsg2"}
 
 
 def moving_parts(
@@ -45,8 +46,9 @@ def moving_parts(
 ) -> tuple[tuple[str, ...], Array]:
     """Return what moves on its own, and the rows that turn free speeds into the parts' speeds.
 
-    Inertias that a lock merges are one part (``Jc1+Jc2``).  In the reduced model the lump that holds
-    the differential is ``Jeq`` and turns at the differential's speed, as in the paper.
+    Inertias that a lock merges are one part, named as in the paper: ``Jc = Jc1+Jc2``,
+    ``Jsg1 = Jsleeve+Jg11`` and ``Jsg2 = Jsleeve+Jg21``.  In the reduced model the lump that holds the
+    differential is ``Jeq`` and turns at the differential's speed, also as in the paper.
 
     Returns:
         n names, and an array of shape (n, n).
@@ -58,7 +60,7 @@ def moving_parts(
         rows.append(transform[members[-1]])
         if structure.model == "4dof":
             name = _LUMPED_NAMES.get(name, "Jeq")
-        names.append(name)
+        names.append(_MERGED_NAMES.get(name, name))
     return tuple(names), np.array(rows)
 
 

@@ -55,26 +55,33 @@ def lump_inertias(parameters: DrivelineParameters, ratios: dict[str, float]) -> 
 def paper_half_shafts(
     parameters: DrivelineParameters, ratios: dict[str, float], configuration: Configuration
 ) -> tuple[Array, Array]:
-    """Return the 2x2 stiffness and damping between D and the wheels by the paper's literal rule.
+    """Return stiffness and damping of the (left, right) half shaft by the paper's literal rule.
 
     Written for parallel G1 in the paper; elsewhere the same rule with the branches that
     the configuration connects: 1, 2, 3 only through an engaged gear, 1 only with C1 closed.
+
+    Returns:
+        Two arrays of shape (2,); (2, m) where the parameters are arrays (of m variants).
     """
     gear = ratios["g1"] if configuration.gear == 1 else ratios["g2"]
     final = ratios["fd"] ** 2
-
-    def shared(value: dict[str, float], prefix: str) -> float:
-        compliance = sum(1.0 / value[prefix + name] for name in ("4", "5", "6")) / final
-        if configuration.gear:
-            names = ("1", "2", "3") if configuration.clutch else ("2", "3")
-            compliance += sum(1.0 / value[prefix + name] for name in names) / (final * gear**2)
-        return compliance
+    behind_gear: tuple[str, ...] = ()
+    if configuration.gear:
+        behind_gear = ("1", "2", "3") if configuration.clutch else ("2", "3")
 
     def both(value: dict[str, float], prefix: str) -> Array:
-        common = shared(value, prefix)
-        return np.diag([1.0 / (common + 1.0 / value[prefix + side]) for side in ("lh", "rh")])
+        links = [value[prefix + name] * final for name in ("4", "5", "6")]
+        links += [value[prefix + name] * final * gear**2 for name in behind_gear]
+        return np.array([_in_series([*links, value[prefix + side]]) for side in ("lh", "rh")])
 
     return both(parameters.stiffness, "k"), both(parameters.damping, "c")
+
+
+def _in_series(links: list[float]) -> float:
+    # The rule's sum of 1/c has no value where a damper is missing; its limit is none at all.
+    if any(np.any(link == 0.0) for link in links):
+        return 0.0 * sum(links)
+    return 1.0 / sum(1.0 / link for link in links)
 
 
 def load_weighted_half_shafts(
@@ -135,7 +142,7 @@ def reduced(parameters: DrivelineParameters, rule: str = "load-weighted") -> Str
     stiffness, damping = np.zeros((6, 4, 4)), np.zeros((6, 4, 4))
     for configuration in CONFIGURATIONS.values():
         if rule == "paper":
-            k, c = paper_half_shafts(parameters, ratios, configuration)
+            k, c = (np.diag(side) for side in paper_half_shafts(parameters, ratios, configuration))
         else:
             k, c = load_weighted_half_shafts(parameters, configuration)
         at = configuration.driving
