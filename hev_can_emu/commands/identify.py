@@ -158,11 +158,11 @@ def _print_fit(posed: Problem, best: Fit) -> None:
 
     from hev_can_emu.plant.identification import table
 
-    print(f"{'measured number':<40} {'measured':>11} {'found':>13} {'deviation':>10}")
+    print(f"{'measured number':<40} {'measured':>11} {'found':>13}      deviation in tolerances")
     for row in table(posed, best.sought):
         print(
-            f"{row.what:<40} {row.measured:>11g} {row.found:>13.7g} {row.error:>+10.2f}"
-            f" tolerances {row.unit}"
+            f"{row.what:<40} {row.measured:>11.9g} {row.found:>13.9g} {row.unit:<4}"
+            f" {row.error:>+8.2f}{'' if abs(row.error) <= 1.0 else '  MISSED'}"
         )
     print()
     print(f"Parameters ({NOT_UNIQUE}):")
@@ -203,12 +203,13 @@ def _powers(names: tuple[str, ...], row: object) -> str:
     exponents = np.asarray(row)
     exponents = exponents * np.sign(exponents[np.argmax(np.abs(exponents))])
     largest = np.argsort(-np.abs(exponents), kind="stable")[:4]
-    parts = [
-        f"{names[i].rpartition('.')[2]}^{exponents[i]:+.2f}"
-        for i in largest
-        if abs(exponents[i]) > 0.05
-    ]
+    parts = [f"{_short(names[i])}^{exponents[i]:+.2f}" for i in largest if abs(exponents[i]) > 0.05]
     return " * ".join(parts)
+
+
+def _short(name: str) -> str:
+    section, _, last = name.rpartition(".")
+    return f"rounding({last})" if section == "ratio_rounding" else last
 
 
 def _vehicle(file: TargetsFile, posed: Problem, best: Fit) -> str:
