@@ -127,15 +127,8 @@ def random_dbc(rng: random.Random, messages: int = 3) -> str:
         lines, extra = random_message(rng, number)
         blocks.append("\n".join(lines))
         extras += extra
-    formats = ",".join(
-        [
-            '"StandardCAN"',
-            '"ExtendedCAN"',
-            *('"reserved"' for _ in range(12)),
-            '"StandardCAN_FD"',
-            '"ExtendedCAN_FD"',
-        ]
-    )
+    kinds = ["StandardCAN", "ExtendedCAN", *["reserved"] * 12, "StandardCAN_FD", "ExtendedCAN_FD"]
+    formats = ",".join(f'"{kind}"' for kind in kinds)
     attributes = (
         f'BA_DEF_ BO_ "VFrameFormat" ENUM {formats};\nBA_DEF_DEF_ "VFrameFormat" "StandardCAN";\n'
     )
