@@ -113,6 +113,9 @@ def _translate(source: DbcText, error: Exception) -> InputError:
         return InputError(source.where(line), f"DBC syntax (column {match[2]})", got)
     if match := re.search(r"signals (\S+) and (\S+) are overlapping in message (\S+)\.$", text):
         first, second, message = match.groups()
+        if first == second:
+            expected, got = f"signal names that occur once in {message}", f"'{first}' twice"
+            return source.error(expected, got, message=message, signal=first)
         return source.error(
             f"signals of {message} that do not overlap",
             f"'{first}' and '{second}' on the same bits",
@@ -131,6 +134,7 @@ def _translate(source: DbcText, error: Exception) -> InputError:
         r"signal (\S+) length (\S+) is not greater than 0 in message (\S+)", text
     ):
         signal, length, message = match.groups()
+        message = message.rstrip(".")
         return source.error(
             "a signal of at least one bit", f"{length}", message=message, signal=signal
         )
