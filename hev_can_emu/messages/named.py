@@ -14,6 +14,10 @@ import numpy as np
 from hev_can_emu.errors import did_you_mean
 from hev_can_emu.jit import kernel
 from hev_can_emu.messages.codec import (
+    F_COLUMNS,
+    S_COLUMNS,
+    S_ORDER,
+    S_PARENT,
     Codec,
     build_codec,
     decode_signals,
@@ -28,19 +32,33 @@ Value = float | str | None
 """A physical value, a label of the value table, or None for not available."""
 
 
+# A call of a compiled function from Python costs by the number of its arrays.  So all that a message needs
+# lies in one int64 array: [signals, bytes, start of scaling, lists, values, data] and then these tables.
+_HEADER = 6
+
+
 @kernel
-def _encode(
-    signals: np.ndarray,
-    scaling: np.ndarray,
-    lists: np.ndarray,
-    first: int,
-    count: int,
-    values: np.ndarray,
-    data: np.ndarray,
-) -> int:
-    for n in range(data.shape[0]):
+def _encode(block: np.ndarray) -> int:
+    count = block[0]
+    signals = block[_HEADER : block[2]].reshape((count, S_COLUMNS))
+    scaling = block[block[2] : block[3]].view(np.float64).reshape((count, F_COLUMNS))
+    lists = block[block[3] : block[4]]
+    values = block[block[4] : block[5]].view(np.float64)
+    data = block[block[5] :].view(np.uint8)
+    for n in range(block[1]):
         data[n] = 0
-    return encode_signals(signals, scaling, lists, first, count, values, data, values)
+    return encode_signals(signals, scaling, lists, 0, count, values, data, values)
+
+
+@kernel
+def _decode(block: np.ndarray) -> None:
+    count = block[0]
+    signals = block[_HEADER : block[2]].reshape((count, S_COLUMNS))
+    scaling = block[block[2] : block[3]].view(np.float64).reshape((count, F_COLUMNS))
+    lists = block[block[3] : block[4]]
+    values = block[block[4] : block[5]].view(np.float64)
+    data = block[block[5] :].view(np.uint8)
+    decode_signals(signals, scaling, lists, 0, count, data, values)
 
 
 @kernel
@@ -59,27 +77,53 @@ def _select(
 class _Face:
     """One message's buffers and names, prepared so that a call does nothing twice."""
 
-    def __init__(self, message: MessageDef, codec: Codec, values: np.ndarray) -> None:
+    def __init__(self, message: MessageDef, codec: Codec) -> None:
         self.message = message
         self.names = tuple(signal.name for signal in message.signals)
         self.count = len(self.names)
         self.first = message.signals[0].index if message.signals else 0
-        self.values = values
-        self.view = values[self.first : self.first + self.count]
-        self.buffer = bytearray(message.length)
+        first, last = self.first, self.first + self.count
+        signals = codec.signals[first:last].copy()
+        signals[:, S_ORDER] -= first
+        signals[:, S_PARENT] -= np.where(signals[:, S_PARENT] >= 0, first, 0)
+        words = (message.length + 7) // 8
+        sizes = [_HEADER, signals.size, self.count * F_COLUMNS, codec.lists.size, self.count, words]
+        ends = np.cumsum(sizes)
+        self.memory = bytearray(8 * int(ends[-1]))
+        self.block = np.frombuffer(self.memory, dtype=np.int64)
+        self.block[:_HEADER] = [self.count, message.length, *ends[1:5]]
+        self.block[_HEADER : ends[1]] = signals.ravel()
+        self.block[ends[1] : ends[2]] = codec.scaling[first:last].ravel().view(np.int64)
+        self.block[ends[2] : ends[3]] = codec.lists
+        self.values_at = 8 * int(ends[3])
+        self.view = self.block[ends[3] : ends[4]].view(np.float64)
+        self.view[:] = np.nan
+        start = 8 * int(ends[4])
+        self.buffer = memoryview(self.memory)[start : start + message.length]
         self.data = np.frombuffer(self.buffer, dtype=np.uint8)
+        self.data_slice = slice(start, start + message.length)
+        self.collect = _collector(self.names)
         self.pick: Callable[[Any], Any] = (
             operator.itemgetter(*self.names)
             if self.count > 1
             else lambda given: tuple(given[name] for name in self.names)
         )
-        self.pack: Callable[..., None] = struct.Struct(f"{self.count}d").pack_into
+        layout = struct.Struct(f"{self.count}d")
+        self.pack, self.unpack = layout.pack_into, layout.unpack_from
         self.multiplexed = any(signal.multiplexer for signal in message.signals)
         self.active = np.zeros(self.count, dtype=np.uint8)
         self.wide = tuple(signal for signal in message.signals if _is_wide(signal))
         self.labels = tuple(
             (signal.name, _labels_by_value(signal)) for signal in message.signals if signal.labels
         )
+
+
+def _collector(names: tuple[str, ...]) -> Callable[..., dict[str, float]]:
+    """Return a function from values to ``{name: value}``: a dict display, thrice as fast as dict(zip())."""
+    arguments = [f"v{n}" for n in range(len(names))]
+    pairs = ", ".join(f"{name!r}: {v}" for name, v in zip(names, arguments, strict=True))
+    made: Callable[..., dict[str, float]] = eval(f"lambda {', '.join(arguments)}: {{{pairs}}}")
+    return made
 
 
 def _is_wide(signal: SignalDef) -> bool:
@@ -106,8 +150,7 @@ class NamedCodec:
         self.database = database
         self.codec = build_codec(database)
         self.saturations = 0
-        values = np.full(max(len(database.signals), 1), np.nan)
-        faces = [_Face(message, self.codec, values) for message in database.messages]
+        faces = [_Face(message, self.codec) for message in database.messages]
         self._by_name = {face.message.name: face for face in faces}
         self._by_id = {(face.message.can_id, face.message.extended): face for face in faces}
         self._tables = (self.codec.signals, self.codec.scaling, self.codec.lists)
@@ -130,15 +173,13 @@ class NamedCodec:
         try:
             if len(values) != face.count:
                 raise KeyError
-            face.pack(face.view, 0, *face.pick(values))
+            face.pack(face.memory, face.values_at, *face.pick(values))
         except (KeyError, struct.error, OverflowError):
             face.view[:] = _numbers(face, values)
-        signals, scaling, lists = self._tables
-        self.saturations += _encode(
-            signals, scaling, lists, face.first, face.count, face.values, face.data
-        )
+        self.saturations += _encode(face.block)
         for signal in face.wide:
             value = values.get(signal.name)
+            signals, scaling, lists = self._tables
             if (
                 isinstance(value, int)
                 and is_active(signals, lists, signal.index, face.data)
@@ -147,7 +188,7 @@ class NamedCodec:
                 # It only seemed out of range in float64.
                 number = _number(signal, value)
                 self.saturations -= to_pattern(signals, scaling, lists, signal.index, number)[1]
-        return bytes(face.buffer)
+        return face.buffer.tobytes()
 
     def decode_message(
         self, can_id: int, data: bytes, extended: bool = False, labels: bool = False
@@ -167,16 +208,16 @@ class NamedCodec:
         if len(data) != len(buffer):
             name = face.message.name
             raise ValueError(f"{name} has {len(buffer)} bytes, got {len(data)}")
-        buffer[:] = data
-        signals, scaling, lists = self._tables
-        decode_signals(signals, scaling, lists, face.first, face.count, face.data, face.values)
+        face.memory[face.data_slice] = data
+        _decode(face.block)
         found: dict[str, Any]
         if face.multiplexed:
+            signals, _, lists = self._tables
             _select(signals, lists, face.first, face.count, face.data, face.active)
             pairs = zip(face.names, face.view.tolist(), strict=True)
             found = dict(itertools.compress(pairs, face.active.tolist()))
         else:
-            found = dict(zip(face.names, face.view.tolist(), strict=True))
+            found = face.collect(*face.unpack(face.memory, face.values_at))
         for signal in face.wide:
             if signal.name in found and not math.isnan(found[signal.name]):
                 found[signal.name] = _get_exactly(data, signal) * signal.scale + signal.offset
@@ -236,7 +277,7 @@ def _get_exactly(data: bytes, signal: SignalDef) -> int:
     return raw
 
 
-def _put_exactly(buffer: bytearray, signal: SignalDef, value: int) -> bool:
+def _put_exactly(buffer: memoryview, signal: SignalDef, value: int) -> bool:
     """Overwrite an integer signal by exact arithmetic, where float64 may have lost its low bits.
 
     Returns False, and leaves the saturated value, where the value is out of range.
