@@ -70,23 +70,22 @@ def modes(structure: Structure, configuration: Configuration) -> Modes:
     The rigid-body space is split off before the eigenvalues are taken: zero eigenvalues of a
     defective pencil would otherwise come out anywhere within the square root of rounding.
     """
-    j, c, k = structure.matrices(configuration)
-    root = np.linalg.cholesky(j)
-    whitened_k = linalg.solve_triangular(
-        root, linalg.solve_triangular(root, k, lower=True).T, lower=True
-    )
-    whitened_c = linalg.solve_triangular(
-        root, linalg.solve_triangular(root, c, lower=True).T, lower=True
-    )
-    squares, vectors = linalg.eigh((whitened_k + whitened_k.T) / 2)
-    rigid = len(j) - np.linalg.matrix_rank(structure.incidence @ structure.lock_map(configuration))
-    elastic = vectors[:, rigid:]
-    omega = np.sqrt(squares[rigid:])
+    transform = structure.lock_map(configuration)
+    reach = structure.incidence @ transform
+    rigid = transform.shape[1] - int(np.linalg.matrix_rank(reach))
+    root = np.linalg.cholesky(transform.T @ (structure.inertia[:, None] * transform))
+    whitened = linalg.solve_triangular(root, reach.T, lower=True).T
+    stiff = np.linalg.cholesky(structure.stiffness[configuration.driving])
+    # Singular values are the frequencies themselves; their squares would cost half the digits.
+    _, singular, rows = np.linalg.svd(stiff.T @ whitened)
+    m = transform.shape[1] - rigid
+    omega = singular[:m][::-1]
+    elastic = rows[:m][::-1].T
     names, parts = moving_parts(structure, configuration)
     shapes = parts @ linalg.solve_triangular(root, elastic, lower=True, trans="T")
     shapes = shapes / np.take_along_axis(shapes, np.abs(shapes).argmax(axis=0)[None], axis=0)
-    m = len(omega)
-    modal_c = elastic.T @ whitened_c @ elastic
+    bending = whitened @ elastic
+    modal_c = bending.T @ structure.damping[configuration.driving] @ bending
     # Scaled to unit order: with plain w^2 blocks the smallest modes lose digits to the largest.
     state = np.block([[np.zeros((m, m)), np.diag(omega)], [-np.diag(omega), -modal_c]])
     values = linalg.eigvals(state)
@@ -95,7 +94,7 @@ def modes(structure: Structure, configuration: Configuration) -> Modes:
     magnitude = np.sqrt(np.abs(pairs[:, 0]) * np.abs(pairs[:, 1]))
     return Modes(
         names=names,
-        rigid=int(rigid),
+        rigid=rigid,
         undamped_hz=omega / (2 * np.pi),
         damped_hz=magnitude / (2 * np.pi),
         oscillation_hz=np.abs(pairs[:, 0].imag) / (2 * np.pi),
