@@ -2,15 +2,18 @@
 
 Numba's own cache looks at a kernel's own source file only: after a change in a *callee's* module it
 runs the old code.  Here the cache folder's name holds a hash of all kernel sources of the
-package, so any change starts a fresh folder.  Where no user cache folder can be written, a
-temporary one serves.
+package, so any change starts a fresh folder; the oldest ones are removed.  Where no user cache folder can
+be written, a temporary one serves.
 """
 
 from __future__ import annotations
 
+import atexit
+import contextlib
 import functools
 import hashlib
 import os
+import shutil
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -24,7 +27,10 @@ F = TypeVar("F", bound=Callable[..., Any])
 # Its attributes are made at run time, out of a type checker's sight.
 numba_config: Any = numba.core.config
 
+JIT_DISABLED = bool(numba_config.DISABLE_JIT)
+
 _PACKAGE = Path(__file__).resolve().parent
+_KEPT = 6  # cache folders of other versions that are left alone
 
 
 @functools.cache
@@ -33,7 +39,7 @@ def cache_folder() -> Path:
     digest = hashlib.sha256()
     for source in sorted(_PACKAGE.rglob("*.py")):
         text = source.read_bytes()
-        if b"@kernel" in text:
+        if b"kernel\n" in text:
             digest.update(source.relative_to(_PACKAGE).as_posix().encode())
             digest.update(text)
     flags = f"{numba.__version__} {numba_config.BOUNDSCHECK} {numba_config.DISABLE_JIT}"
@@ -45,11 +51,24 @@ def cache_folder() -> Path:
     folder = Path(home) / f"kernels-{digest.hexdigest()[:16]}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        probe = tempfile.TemporaryFile(dir=folder)
-        probe.close()
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+        os.utime(folder)
     except OSError:
         folder = Path(tempfile.mkdtemp(prefix="hev-can-emu-kernels-"))
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
+        return folder
+    _remove_old(folder)
     return folder
+
+
+def _remove_old(folder: Path) -> None:
+    """Remove the cache folders of versions not used for longest, beyond a few."""
+    with contextlib.suppress(OSError):  # another process may be at it, too
+        others = [each for each in folder.parent.glob("kernels-*") if each != folder]
+        others.sort(key=lambda each: each.stat().st_mtime, reverse=True)
+        for each in others[_KEPT:]:
+            shutil.rmtree(each, ignore_errors=True)
 
 
 def kernel(function: F) -> F:
@@ -57,10 +76,23 @@ def kernel(function: F) -> F:
 
     Never ``fastmath`` and never parallel: the same inputs give the same bits.
     """
+    return _compile(function, no_cpython_wrapper=False)
+
+
+def inner_kernel(function: F) -> F:
+    """Compile as :func:`kernel` does, for a kernel that only kernels call.
+
+    It has no entry from Python, which saves seconds of compilation where arguments are large tuples.
+    """
+    return _compile(function, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+
+
+def _compile(function: F, **options: Any) -> F:
     previous = numba_config.CACHE_DIR
     numba_config.CACHE_DIR = str(cache_folder())
     try:
-        compiled: Any = numba.njit(cache=True, error_model="numpy")(function)
+        njit: Any = numba.njit
+        compiled = njit(cache=True, error_model="numpy", **options)(function)
     finally:
         numba_config.CACHE_DIR = previous
     return cast(F, compiled)

@@ -48,13 +48,10 @@ def build_plant(parameters: DrivelineParameters, machines: Machines, structure: 
     bank: Bank = build_bank(structure, powertrain.PERIOD)
     radius = parameters.tyre_radius
     mass = parameters.inertias["Jv"] / radius**2
-    coolant = machines.engine_coolant
     shorted1, shorted2 = machines.em1.short_circuit, machines.em2.short_circuit
     car = np.array(
         [
             radius,
-            coolant.capacity,
-            1.0 / coolant.resistance,
             shorted1.peak_torque,
             shorted1.speed,
             shorted2.peak_torque,
@@ -76,6 +73,7 @@ def build_plant(parameters: DrivelineParameters, machines: Machines, structure: 
         road=machines.road.pack(mass, radius),
         synchronizer=machines.synchronizer.pack(),
         clutch=machines.clutch.pack(),
+        coolant=machines.engine_coolant.pack(),
         car=car,
     )
 

@@ -79,11 +79,20 @@ def exponential_ladder(matrix: Array, halvings: int, levels: int, terms: int, ou
         terms: terms of the Taylor series.
         out: shape (levels+1, m, m).
     """
+    # Plain loops: array expressions would compile Numba's whole broadcasting machinery.
     n = matrix.shape[0]
-    scaled = matrix * 0.5**halvings
-    term = scaled.copy()
-    x = scaled.copy()
+    scale = 1.0
+    for _ in range(halvings):
+        scale *= 0.5
+    scaled = np.empty((n, n))
+    term = np.empty((n, n))
+    x = np.empty((n, n))
     work = np.empty((n, n))
+    for i in range(n):
+        for j in range(n):
+            scaled[i, j] = matrix[i, j] * scale
+            term[i, j] = scaled[i, j]
+            x[i, j] = scaled[i, j]
     for order in range(2, terms + 1):
         _multiply(term, scaled, work)
         for i in range(n):
@@ -95,12 +104,15 @@ def exponential_ladder(matrix: Array, halvings: int, levels: int, terms: int, ou
         for i in range(n):
             for j in range(n):
                 x[i, j] = 2.0 * x[i, j] + work[i, j]
-    out[0] = x
-    for level in range(1, levels + 1):
-        _multiply(out[level - 1], out[level - 1], work)
+    for level in range(levels + 1):
+        if level > 0:
+            _multiply(x, x, work)
+            for i in range(n):
+                for j in range(n):
+                    x[i, j] = 2.0 * x[i, j] + work[i, j]
         for i in range(n):
             for j in range(n):
-                out[level, i, j] = 2.0 * out[level - 1, i, j] + work[i, j]
+                out[level, i, j] = x[i, j]
 
 
 def propagators(a: Array, b: Array, unit: float, levels: int) -> Array:

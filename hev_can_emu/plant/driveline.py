@@ -138,7 +138,10 @@ def _try_to_hold(
         return False
     candidate = row_of(state)
     n = bank.inertia.shape[0]
-    before = x[: bank.flow.shape[3]].copy()
+    nx = bank.flow.shape[3]
+    before = np.empty(nx)
+    for i in range(nx):
+        before[i] = x[i]
     old = state[ROW]
     saved_friction = u[N_PORTS + lock]
     dropped = set_row(bank, x, state, candidate)
@@ -149,7 +152,7 @@ def _try_to_hold(
         return True
     state[HELD + lock] = 0
     # Not held: slip is exactly zero now and grows the way it is pushed.
-    for i in range(n, before.shape[0]):
+    for i in range(n, nx):
         x[i] = before[i]
     state[ROW] = old
     u[N_PORTS + lock] = saved_friction

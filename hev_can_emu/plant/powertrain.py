@@ -108,10 +108,11 @@ X_DRIVELINE = X_LOST + 1
 
 # Packed parameters of the clutch actuator and of what belongs to the car as a whole.
 CLUTCH_MAX, CLUTCH_STATIC_RATIO = torque_source.N_PARAMETERS, torque_source.N_PARAMETERS + 1
-CAR_TYRE_RADIUS, CAR_ENGINE_HEAT_CAPACITY, CAR_ENGINE_COOLING = 0, 1, 2
-CAR_SHORT_TORQUE1, CAR_SHORT_SPEED1, CAR_SHORT_TORQUE2, CAR_SHORT_SPEED2 = 3, 4, 5, 6
+CAR_TYRE_RADIUS = 0
+CAR_SHORT_TORQUE1, CAR_SHORT_SPEED1, CAR_SHORT_TORQUE2, CAR_SHORT_SPEED2 = 1, 2, 3, 4
 
 PERIOD = 1e-3  #: control period, s
+WORK = 128  #: values of scratch that a step needs
 
 
 class Plant(NamedTuple):
@@ -131,6 +132,7 @@ class Plant(NamedTuple):
     road: Array
     synchronizer: Array
     clutch: Array
+    coolant: Array
     car: Array
 
 
@@ -203,7 +205,7 @@ def plant_step(
         n: int64 state of the driveline, shape (driveline.N_INTEGERS,), changed in place.
         u: commands, shape (len(COMMANDS),).
         y: truth, shape (len(TRUTH),); on entry that of the last period, on return of this one.
-        work: scratch, at least 96 values.
+        work: scratch, WORK values.
         t_ns: time at entry, ns.
         events: EVENT records of which ``n_events`` are taken.
         n_events: number taken on entry.
@@ -249,8 +251,10 @@ def plant_step(
     out2 = work[32 : 32 + motor.N_OUT]
     scratch = work[48:64]
     mode1, mode2 = u[U_EM1_MODE], u[U_EM2_MODE]
-    active1 = 1.0 if connected > 0.5 and mode1 in (TORQUE, SPEED) else 0.0
-    active2 = 1.0 if connected > 0.5 and mode2 in (TORQUE, SPEED) else 0.0
+    # While the contactors open, the motors ramp down to zero: no load is torn off.
+    closed = phase == contactors.CLOSED
+    active1 = 1.0 if closed and mode1 in (TORQUE, SPEED) else 0.0
+    active2 = 1.0 if closed and mode2 in (TORQUE, SPEED) else 0.0
     x_em1 = x[X_EM1 : X_EM1 + motor.N_STATE]
     x_em2 = x[X_EM2 : X_EM2 + motor.N_STATE]
     motor.motor_limits(plant.em1, speed1, link, winding1, inverter1, limits)
@@ -275,12 +279,13 @@ def plant_step(
     torque2 = scratch[power_allocation.OUT_TORQUE2]
     cut1 = scratch[power_allocation.OUT_CUT1]
     cut2 = scratch[power_allocation.OUT_CUT2]
+    cut_reason = battery_limits[battery.LIM_REASON_DISCHARGE]
+    if scratch[power_allocation.OUT_POWER] < 0.0:
+        cut_reason = battery_limits[battery.LIM_REASON_CHARGE]
     if cut1 > 0.5:
-        torque_source.torque_source_hold(x_em1, torque1)
-        out1[torque_source.OUT_REASON] = battery_limits[battery.LIM_REASON_DISCHARGE]
+        motor.motor_grant(plant.em1, x_em1, torque1, speed1, active1, cut_reason, out1)
     if cut2 > 0.5:
-        torque_source.torque_source_hold(x_em2, torque2)
-        out2[torque_source.OUT_REASON] = battery_limits[battery.LIM_REASON_DISCHARGE]
+        motor.motor_grant(plant.em2, x_em2, torque2, speed2, active2, cut_reason, out2)
     if mode1 == SHORT_CIRCUIT:
         torque1 = short_circuit_torque(
             plant.car[CAR_SHORT_TORQUE1], plant.car[CAR_SHORT_SPEED1], speed1
@@ -354,7 +359,8 @@ def plant_step(
         float(n[driveline.HELD + G1]), float(n[driveline.HELD + G2]), y[Y_SYNC_TORQUE], sync_out,
     )  # fmt: skip
 
-    kinetic, static = np.zeros(driveline.N_LOCKS), np.zeros(driveline.N_LOCKS)
+    kinetic = work[96 : 96 + driveline.N_LOCKS]
+    static = work[104 : 104 + driveline.N_LOCKS]
     kinetic[C1] = capacity
     static[C1] = capacity * plant.clutch[CLUTCH_STATIC_RATIO]
     _gear_lock(
@@ -368,7 +374,7 @@ def plant_step(
     rolling = road_out[road.OUT_ROLLING_CAPACITY]
     kinetic[BODY] = static[BODY] = rolling + brake_out[brakes.OUT_RL] + brake_out[brakes.OUT_RR]
 
-    forces = np.zeros(driveline.N_PORTS + driveline.N_LOCKS)
+    forces = work[112 : 112 + driveline.N_PORTS + driveline.N_LOCKS]
     forces[ENGINE], forces[EM1], forces[EM2] = engine_torque, torque1, torque2
     forces[ROAD] = road_out[road.OUT_BODY_TORQUE]
     n_events = driveline.step(
@@ -396,11 +402,8 @@ def plant_step(
         plant.thermal2, x[X_THERMAL2 : X_THERMAL2 + thermal.N_STATE],
         out2[motor.OUT_WINDING_LOSS], out2[motor.OUT_INVERTER_LOSS], ambient,
     )  # fmt: skip
-    coolant = x[X_COOLANT]
-    cooling = plant.car[CAR_ENGINE_COOLING] * (coolant - ambient)
-    x[X_COOLANT] = (
-        coolant
-        + PERIOD * (engine_out[engine.OUT_HEAT] - cooling) / (plant.car[CAR_ENGINE_HEAT_CAPACITY])
+    x[X_COOLANT] = thermal.node_step(
+        plant.coolant, 0, x[X_COOLANT], engine_out[engine.OUT_HEAT], ambient
     )
 
     # Truth.

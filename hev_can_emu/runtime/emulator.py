@@ -29,7 +29,7 @@ from hev_can_emu.plant import driveline, powertrain
 from hev_can_emu.plant.assembly import Start, build_plant, driveline_structure, start_state
 from hev_can_emu.runtime import tick
 from hev_can_emu.runtime.setup import PROTECTION_MODES, Setup, load_car, network_files
-from hev_can_emu.runtime.tick import TICK_NS, Constants, State, run_ticks
+from hev_can_emu.runtime.tick import TICK_NS, Constants, State, make_world, run_world
 
 BOOT_NS = 100_000_000
 AFTERRUN_NS = 500_000_000
@@ -123,9 +123,7 @@ class Emulator:
         )
         self._buffer, self.state = _allocate(self.constants, self.origin)
         self._start()
-        self._out = make_frames(FRAMES_OUT)
-        self._events = np.zeros(EVENTS, dtype=driveline.EVENT)
-        self._result = np.zeros(4, dtype=np.int64)
+        self._world = make_world(self.constants, self.state)
         self._noted: list[Event] = []
         self._none = make_frames(1)
 
@@ -247,21 +245,18 @@ class Emulator:
         parts: list[npt.NDArray[np.void]] = []
         taken = 0
         while True:
-            run_ticks(
-                self.constants, self.state, max(ticks, 0), given[taken:], count - taken,
-                self._out, self._events, self._result,
-            )  # fmt: skip
-            sent, used, noted, done = (int(value) for value in self._result)
+            run_world(self._world, max(ticks, 0), given[taken:], count - taken)
+            sent, used, noted, done = self.state.result.tolist()
             if noted:
-                self._noted.extend(self._translate(event) for event in self._events[:noted])
+                self._noted.extend(self._translate(event) for event in self.state.events[:noted])
             taken += used
             ticks -= done
             if ticks <= 0:
                 break
-            parts.append(self._out[:sent].copy())
+            parts.append(self.state.frames_out[:sent].copy())
         if not parts:
-            return self._out[:sent]
-        return np.concatenate([*parts, self._out[:sent]])
+            return self.state.frames_out[:sent]
+        return np.concatenate([*parts, self.state.frames_out[:sent]])
 
     def set_value(self, signal: int, value: float) -> None:
         """Set what a played node sends: physical value in the DBC's unit, NaN for not available."""
@@ -372,7 +367,7 @@ def _allocate(
         "unit_state": (f8, (control.N_STATE,)),
         "values": (f8, (signals,)),
         "on_bus": (f8, (signals,)),
-        "work": (f8, (96,)),
+        "work": (f8, (powertrain.WORK,)),
         "origin": (u1, (messages,)),
         "muted": (u1, (messages,)),
         "enabled": (u1, (messages,)),
@@ -389,7 +384,12 @@ def _allocate(
         length = int(np.prod(shape)) * kind.itemsize
         views[name] = buffer[at : at + length].view(kind).reshape(shape)
         at += sizes[name]
-    state = State(**views)
+    state = State(
+        **views,
+        frames_out=make_frames(FRAMES_OUT),
+        events=np.zeros(EVENTS, dtype=driveline.EVENT),
+        result=np.zeros(4, dtype=np.int64),
+    )
     state.origin[:] = origin
     state.accept[:] = origin == tick.ORIGIN_BUS
     return buffer, state

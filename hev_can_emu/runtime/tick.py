@@ -12,6 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from numba.core import types
+from numba.experimental import structref
 
 from hev_can_emu.ecu import ports
 from hev_can_emu.ecu.control import IGNITION_ON, commands_from_requests
@@ -19,7 +21,7 @@ from hev_can_emu.ecu.reporting import statuses_from_truth
 from hev_can_emu.ecu.supervision import REFUSED as SUP_REFUSED
 from hev_can_emu.ecu.supervision import take_message, watch
 from hev_can_emu.ecu.ties import ResolvedBindings, message_from_statuses
-from hev_can_emu.jit import kernel
+from hev_can_emu.jit import JIT_DISABLED, inner_kernel, kernel
 from hev_can_emu.messages.codec import M_COUNT, M_FIRST, Codec, find_message
 from hev_can_emu.messages.frame import ERROR, EXTENDED, REMOTE, SENT
 from hev_can_emu.messages.protection import Protection
@@ -68,10 +70,11 @@ class Constants(NamedTuple):
 
 
 class State(NamedTuple):
-    """What a run changes; all arrays are views of one buffer.
+    """What a run changes; all arrays but the results are views of one buffer.
 
     ``origin``: uint8 (messages), ORIGIN_*; ``muted``: uint8 (messages), 1 stops a message;
     ``values``: signals to send; ``on_bus``: signals as last seen on the bus; ``seen_ns``: when.
+    ``frames_out``, ``events`` and ``result`` carry a call's results; they are no part of a snapshot.
     """
 
     scalars: Integers
@@ -99,9 +102,12 @@ class State(NamedTuple):
     enabled: Flags
     accept: Flags
     pending: Frames
+    frames_out: Frames
+    events: Frames
+    result: Integers
 
 
-@kernel
+@inner_kernel
 def _note(events: Frames, n_events: int, t_ns: int, kind: int, index: int, value: float) -> int:
     if n_events < events.shape[0]:
         events[n_events]["t_ns"] = t_ns
@@ -112,14 +118,14 @@ def _note(events: Frames, n_events: int, t_ns: int, kind: int, index: int, value
     return n_events
 
 
-@kernel
+@inner_kernel
 def _mark_seen(codec: Codec, seen_ns: Integers, message: int, t_ns: int) -> None:
     first = codec.messages[message, M_FIRST]
     for signal in range(first, first + codec.messages[message, M_COUNT]):
         seen_ns[signal] = t_ns
 
 
-@kernel
+@inner_kernel
 def _take_frame(
     constants: Constants, state: State, frames: Frames, i: int, accept: Flags, t_ns: int
 ) -> None:
@@ -137,7 +143,7 @@ def _take_frame(
     _mark_seen(constants.codec, state.seen_ns, message, t_ns)
 
 
-@kernel
+@inner_kernel
 def _power_nodes(constants: Constants, state: State, t_ns: int) -> None:
     """Nodes boot and fall asleep with the ignition; a message is enabled while its sender is up."""
     ignition = state.effective[ports.IGNITION]
@@ -169,7 +175,7 @@ def _power_nodes(constants: Constants, state: State, t_ns: int) -> None:
         state.enabled[message] = enabled
 
 
-@kernel
+@inner_kernel
 def _fill_values(constants: Constants, state: State) -> None:
     """Statuses become signals; a booting node knows nothing yet."""
     for message in range(state.origin.shape[0]):
@@ -183,36 +189,33 @@ def _fill_values(constants: Constants, state: State) -> None:
             message_from_statuses(constants.ties, message, state.statuses, state.values)
 
 
-@kernel
+@inner_kernel
 def run_ticks(
     constants: Constants,
     state: State,
     ticks: int,
     frames_in: Frames,
     n_in: int,
-    frames_out: Frames,
-    events: Frames,
-    result: Integers,
 ) -> Any:
     """Advance by up to ``ticks`` ticks.
 
     Args:
-        constants, state: see there.
+        constants, state: see there; what is sent goes to ``state.frames_out``, what happens to
+            ``state.events``, and ``state.result`` tells how many: frames sent, frames taken from
+            ``frames_in``, events, ticks done.
         ticks: how many.
         frames_in: received frames, in order of time; ``n_in`` of them.
-        frames_out: room for what is sent; ends early when fewer than one tick's worth is left.
-        events: room for event records.
-        result: out: frames sent, frames taken from ``frames_in``, events, ticks done.
 
     Returns:
-        The number of ticks done.
+        The number of ticks done: fewer than asked for when ``frames_out`` is nearly full.
     """
+    frames_out, events, result = state.frames_out, state.events, state.result
     codec = constants.codec
     messages = state.origin.shape[0]
-    n_out = 0
-    taken = 0
-    n_events = 0
-    done = 0
+    n_out: Any = np.int64(0)
+    taken: Any = np.int64(0)
+    n_events: Any = np.int64(0)
+    done: Any = np.int64(0)
     while done < ticks and n_out + messages <= frames_out.shape[0]:
         t_ns = state.scalars[TICKS] * TICK_NS
 
@@ -289,3 +292,46 @@ def run_ticks(
         done += 1
     result[0], result[1], result[2], result[3] = n_out, taken, n_events, done
     return done
+
+
+if JIT_DISABLED:
+
+    class World:
+        """Constants and state as one argument."""
+
+        def __init__(self, constants: Constants, state: State) -> None:
+            self.constants = constants
+            self.state = state
+
+    def make_world(constants: Constants, state: State) -> Any:
+        """Return both as one argument for :func:`run_world`."""
+        return World(constants, state)
+
+else:
+    # Unpacking a hundred arrays from tuples would cost more than the tick itself: a reference to one
+    # structure costs next to nothing.
+    @structref.register
+    class _WorldType(types.StructRef):
+        """Numba's type of a world."""
+
+    class World(structref.StructRefProxy):  # type: ignore[no-redef]
+        """Constants and state as one argument."""
+
+        def __new__(cls, constants: Constants, state: State) -> Any:
+            """Return both as one argument; called from kernels only."""
+            make: Any = structref.StructRefProxy.__new__
+            return make(cls, constants, state)
+
+    define_proxy: Any = structref.define_proxy
+    define_proxy(World, _WorldType, ["constants", "state"])
+
+    @kernel
+    def make_world(constants: Constants, state: State) -> Any:
+        """Return both as one argument for :func:`run_world`."""
+        return World(constants, state)
+
+
+@kernel
+def run_world(world: Any, ticks: int, frames_in: Frames, n_in: int) -> Any:
+    """Advance as :func:`run_ticks` does, with what :func:`make_world` made."""
+    return run_ticks(world.constants, world.state, ticks, frames_in, n_in)
