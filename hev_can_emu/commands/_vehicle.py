@@ -29,22 +29,22 @@ def vehicle_path(name: str) -> Path:
     Raises:
         InputError: neither exists.
     """
-    return shipped_or_path(name, folder("vehicles"), "--vehicle", "vehicle")
+    return shipped_or_path(name, folder("vehicles"), "--vehicle")
 
 
-def shipped_or_path(name: str, place: Path, option: str, what: str) -> Path:
+def shipped_or_path(name: str, place: Path, option: str) -> Path:
     """Return ``name`` as a path where it is one, else the shipped YAML file of that name.
 
     Raises:
-        InputError: neither exists; ``option`` and ``what`` say so.
+        InputError: neither exists; ``option`` is blamed.
     """
     path = Path(name)
-    if path.suffix in (".yaml", ".yml") or len(path.parts) > 1 or path.exists():
+    if path.suffix in (".yaml", ".yml") or len(path.parts) > 1 or path.is_file():
         return path
     known = sorted(file.stem for file in place.glob("*.yaml"))
     if name not in known:
         hint = did_you_mean(name, known) or f"shipped: {', '.join(known)}"
-        raise InputError(option, f"a {what} file or a shipped {what}", f"'{name}'", hint)
+        raise InputError(option, "a file, or the name of a shipped one", f"'{name}'", hint)
     return place / f"{name}.yaml"
 
 

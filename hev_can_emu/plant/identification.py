@@ -21,6 +21,10 @@ from hev_can_emu.plant.step_residuals import run_step
 Array = npt.NDArray[np.float64]
 
 
+_HOPELESS = 20.0
+"""Largest deviation, in tolerances, that a start may leave a stage with."""
+
+
 class Row(NamedTuple):
     """A line of the fit table: a measured number, its tolerance, and what the fit gives."""
 
@@ -67,10 +71,10 @@ def fit_start(problem: Problem, seed: int, start: int) -> Fit:
     def stage(free: npt.NDArray[np.bool_], prior: float, **options: object) -> Objective:
         return Objective(problem, at, free, prior, **options)  # type: ignore[arg-type]
 
-    for coarse, prior, iterations in ((1e-2, 0.3, 60), (1e-4, 0.1, 60), (0.0, 0.03, 100)):
-        objective = stage(elastic, prior, coarse=coarse, with_damping=False)
-        at = objective.solve(iterations)
-    if objective.worst(at) > 20.0:
+    if elastic.any():
+        for coarse, prior, iterations in ((1e-2, 0.3, 60), (1e-4, 0.1, 60), (0.0, 0.03, 100)):
+            at = stage(elastic, prior, coarse=coarse, with_damping=False).solve(iterations)
+    if stage(elastic, 0.0, with_damping=False).worst(at) > _HOPELESS:
         return Fit(start, at, np.inf, "frequencies", False)
 
     if has_damping and damping.any():
@@ -84,7 +88,7 @@ def fit_start(problem: Problem, seed: int, start: int) -> Fit:
         ratio = _guessed_ratio(problem, at)
         for coarse, prior in ((1e-4, 0.3), (1e-5, 0.1)):
             at = stage(everything, prior, coarse=coarse, with_ratio=ratio).solve(100)
-        if stage(everything, 0.0).worst(at) > 20.0:
+        if stage(everything, 0.0).worst(at) > _HOPELESS:
             return Fit(start, at, np.inf, "damping", False)
     if problem.step is not None:
         for coarse, prior in ((1e-4, 0.1), (1e-5, 0.03)):

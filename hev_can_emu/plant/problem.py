@@ -12,7 +12,7 @@ import numpy.typing as npt
 from hev_can_emu.errors import InputError, did_you_mean
 from hev_can_emu.plant.structure import CONFIGURATIONS
 from hev_can_emu.plant.targets import Known, Quantity, StepTargets, TargetsFile
-from hev_can_emu.plant.vehicle import MESHES, RATIO_RADII, SECTIONS, SHAFTS
+from hev_can_emu.plant.vehicle import MESHES, RATIO_RADII, RATIO_TOLERANCE, SECTIONS, SHAFTS
 from hev_can_emu.units import unit
 
 Array = npt.NDArray[np.float64]
@@ -118,6 +118,11 @@ def problem(file: TargetsFile, where: str) -> Problem:
                 raise InputError(
                     f"{path}.value", f"a value from {low:g} to {high:g}", f"{centre:g}"
                 )
+        if name.startswith("ratio_rounding."):
+            for key, bound in (("lower", low), ("upper", high)):
+                if abs(bound - 1.0) > RATIO_TOLERANCE:
+                    wanted = f"1 within {RATIO_TOLERANCE:g}"
+                    raise InputError(f"{path}.{key}", wanted, f"{bound:g}")
         lower[name], upper[name], middle[name] = math.log(low), math.log(high), math.log(centre)
     if not lower:
         raise InputError(f"{where}: $", "a parameter with lower and upper", "none to be sought")
@@ -292,6 +297,16 @@ def _step(given: StepTargets | None, where: str) -> StepObservation | None:
     ]
     if settings[1] <= settings[0]:
         raise InputError(f"{path}.read_out_time", "a time after the step", f"{settings[1]:g} s")
+    when = given.acceleration_difference_time
+    instant = _convert(
+        when.value, when.unit, "s", f"{path}.acceleration_difference_time", "value", True
+    )
+    if not settings[0] < instant < settings[1]:
+        raise InputError(
+            f"{path}.acceleration_difference_time.value",
+            f"a time between {settings[0]:g} and {settings[1]:g} s",
+            f"{instant:g} s",
+        )
     values, tolerances = [], []
     for name, one, wanted, scale in (
         ("velocity_16dof", given.velocity_16dof, "m/s", 1.0),
