@@ -50,17 +50,15 @@ class Monitor:
             self.margin = math.inf
 
     def verdict(self) -> Verdict:
-        """Return the record; an undecided monitor is inconclusive."""
-        if self.outcome is None:
-            self.abandon("the scenario has not come to an end")
-        assert self.outcome is not None
+        """Return the record; what is undecided so far reads as inconclusive, and stays undecided."""
+        undecided = self.outcome is None
         return Verdict(
             "expectation",
             self.name,
-            self.outcome,
+            self.outcome or Outcome.INCONCLUSIVE,
             self._instant_ns,
             f"{self._says()} {self._window}".strip(),
-            self._observed,
+            "the scenario has not come to an end" if undecided else self._observed,
             self.margin if math.isfinite(self.margin) else None,
             self._margin_unit if math.isfinite(self.margin) else "",
             self.where,

@@ -137,6 +137,11 @@ class Player:
         return [*self._step_verdicts, *(monitor.verdict() for monitor in self._monitors)]
 
     @property
+    def steps_over(self) -> int:
+        """How many steps have come, or were given up."""
+        return self._next
+
+    @property
     def awaited(self) -> str:
         """The step that is waited for, for a status line; empty after the last."""
         steps = self.program.steps

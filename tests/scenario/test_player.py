@@ -325,3 +325,22 @@ def test_two_runs_are_equal(bench: Any) -> None:
     bus = {"VehicleSpeed": lambda t: 10 * t}
     first = (bench.play(MIXED, bus).verdicts(), bench.sent)
     assert (bench.play(MIXED, bus).verdicts(), bench.sent) == first
+
+
+def test_asking_for_verdicts_meanwhile_decides_nothing(bench: Any) -> None:
+    text = """
+        duration: 1 s
+        expectations:
+        - {name: stays, always: EM2Speed < 100 rpm, from: 10 ms}
+        - {name: comes, becomes: EM2Speed > 50 rpm, within: 1 s}
+        """
+    asked: list[int] = []
+
+    def speed(t_s: float) -> float:
+        verdicts = bench.player.verdicts()
+        asked.append(sum(v.outcome is Outcome.INCONCLUSIVE for v in verdicts))
+        return 100.0 * t_s
+
+    bench.play(text, {"EM2Speed": speed})
+    assert asked[0] == 2
+    assert [v.outcome for v in bench.player.verdicts()] == [Outcome.FAIL, Outcome.PASS]
