@@ -89,41 +89,47 @@ def row_of(state: Integers) -> int:
 
 
 @kernel
-def slip(bank: Bank, x: Array, lock: int) -> float:
-    """Return the slip at a lock, rad/s."""
+def row_speed(rows: Array, x: Array, row: int) -> float:
+    """Return ``rows[row] @ speeds``, rad/s: the slip at a lock, or the speed at a port.
+
+    Takes the array rather than the bank: handing the whole bank on costs more than the sum.
+    """
     total = 0.0
-    for i in range(bank.inertia.shape[0]):
-        total += bank.locks[lock, i] * x[i]
+    for i in range(rows.shape[1]):
+        total += rows[row, i] * x[i]
     return total
 
 
 @kernel
-def held_torque(bank: Bank, x: Array, u: Array, row: int, lock: int) -> float:
-    """Return the friction torque that a held lock carries, N m (on its first side)."""
-    nx = bank.flow.shape[3]
+def held_torque(rows: Array, x: Array, u: Array, row: int, lock: int) -> float:
+    """Return the friction torque that a held lock carries, N m (on its first side).
+
+    ``rows`` is the bank's ``held_torque``.
+    """
+    nx = rows.shape[2] - u.shape[0]
     total = 0.0
     for j in range(nx):
-        total += bank.held_torque[row, lock, j] * x[j]
+        total += rows[row, lock, j] * x[j]
     for j in range(u.shape[0]):
-        total += bank.held_torque[row, lock, nx + j] * u[j]
+        total += rows[row, lock, nx + j] * u[j]
     return total
 
 
 @kernel
-def propagate(bank: Bank, row: int, level: int, x: Array, u: Array, out: Array) -> None:
-    """``out = F [x; u]``, one exact step of ``unit * 2**level``."""
-    nx = bank.flow.shape[3]
+def propagate(flow: Array, row: int, level: int, x: Array, u: Array, out: Array) -> None:
+    """``out = F [x; u]``, one exact step of ``unit * 2**level``; ``flow`` is the bank's."""
+    nx = flow.shape[3]
     for i in range(nx):
         out[i] = 0.0
     for j in range(nx):
         factor = x[j]
         for i in range(nx):
-            out[i] += bank.flow[row, level, j, i] * factor
+            out[i] += flow[row, level, j, i] * factor
     for j in range(u.shape[0]):
         factor = u[j]
         if factor != 0.0:
             for i in range(nx):
-                out[i] += bank.flow[row, level, nx + j, i] * factor
+                out[i] += flow[row, level, nx + j, i] * factor
 
 
 @kernel
@@ -146,7 +152,7 @@ def _try_to_hold(
     saved_friction = u[N_PORTS + lock]
     dropped = set_row(bank, x, state, candidate)
     u[N_PORTS + lock] = 0.0
-    torque = held_torque(bank, x, u, candidate, lock)
+    torque = held_torque(bank.held_torque, x, u, candidate, lock)
     if abs(torque) <= static[lock]:
         lost[0] += dropped
         return True
@@ -176,7 +182,7 @@ def _release_overloaded(
     for lock in range(N_LOCKS):
         if state[HELD + lock] == 0 or np.isinf(static[lock]):
             continue
-        torque = held_torque(bank, x, u, state[ROW], lock)
+        torque = held_torque(bank.held_torque, x, u, state[ROW], lock)
         if abs(torque) > static[lock] or static[lock] <= 0.0:
             state[HELD + lock] = 0
             state[SIGN + lock] = -1 if torque > 0.0 else 1
@@ -248,14 +254,18 @@ def step(
     # Frictions of the sliding locks first: what a held one carries depends on them.
     for lock in range(N_LOCKS):
         if state[HELD + lock] == 0 and kinetic[lock] > 0.0:
-            speed = slip(bank, x, lock)
+            speed = row_speed(bank.locks, x, lock)
             if speed > 0.0:
                 state[SIGN + lock] = 1
             elif speed < 0.0:
                 state[SIGN + lock] = -1
             u[N_PORTS + lock] = -state[SIGN + lock] * kinetic[lock]
     for lock in range(N_LOCKS):
-        if state[HELD + lock] == 0 and kinetic[lock] > 0.0 and abs(slip(bank, x, lock)) < 1e-12:
+        if (
+            state[HELD + lock] == 0
+            and kinetic[lock] > 0.0
+            and abs(row_speed(bank.locks, x, lock)) < 1e-12
+        ):
             if _try_to_hold(bank, x, state, u, static, lock, lost):
                 n_events = _note(state, t_ns, LOCKED, lock, 0.0, events, n_events)
             else:
@@ -269,16 +279,19 @@ def step(
         while (position & ((1 << level) - 1)) != 0 or position + (1 << level) > units:
             level -= 1
         row = state[ROW]
-        propagate(bank, row, level, x, u, trial)
+        propagate(bank.flow, row, level, x, u, trial)
         crossing = -1
         overload = False
         for lock in range(N_LOCKS):
             if state[HELD + lock] == 1:
                 if not np.isinf(static[lock]):
-                    torque = held_torque(bank, trial, u, row, lock)
+                    torque = held_torque(bank.held_torque, trial, u, row, lock)
                     if abs(torque) > static[lock]:
                         overload = True
-            elif kinetic[lock] > 0.0 and slip(bank, trial, lock) * state[SIGN + lock] < -1e-12:
+            elif (
+                kinetic[lock] > 0.0
+                and row_speed(bank.locks, trial, lock) * state[SIGN + lock] < -1e-12
+            ):
                 crossing = lock
         eventful = crossing >= 0 or overload
         if eventful and happened < MAX_EVENTS_PER_STEP and level > 0:
@@ -303,7 +316,7 @@ def step(
             if (
                 state[HELD + lock] == 0
                 and kinetic[lock] > 0.0
-                and slip(bank, x, lock) * state[SIGN + lock] < -1e-12
+                and row_speed(bank.locks, x, lock) * state[SIGN + lock] < -1e-12
             ):
                 if _try_to_hold(bank, x, state, u, static, lock, lost):
                     n_events = _note(state, now, LOCKED, lock, 0.0, events, n_events)
@@ -319,17 +332,8 @@ def step(
 def friction_torque(bank: Bank, x: Array, state: Integers, u: Array, lock: int) -> float:
     """Return the friction torque at a lock now, held or sliding, N m on its first side."""
     if state[HELD + lock] == 1:
-        return held_torque(bank, x, u, state[ROW], lock)
+        return held_torque(bank.held_torque, x, u, state[ROW], lock)
     return float(u[N_PORTS + lock])
-
-
-@kernel
-def port_speed(bank: Bank, x: Array, port: int) -> float:
-    """Return the speed at a port, rad/s."""
-    total = 0.0
-    for i in range(bank.inertia.shape[0]):
-        total += bank.ports[port, i] * x[i]
-    return total
 
 
 @kernel

@@ -67,7 +67,7 @@ TRUTH = (
     "accelerometer", "brake_torque", "brake_setpoint", "brake_reason", "body_held",
     "state_of_charge", "battery_voltage", "battery_current", "battery_temperature",
     "battery_reason", "contactor_phase", "link_voltage", "discharge_limit", "charge_limit",
-    "grade", "ambient", "energy", "energy_lost", "lock_row",
+    "grade", "ambient", "energy_lost", "lock_row",
 )  # fmt: skip
 (
     Y_ENGINE_SPEED, Y_ENGINE_TORQUE, Y_ENGINE_SETPOINT, Y_ENGINE_REASON, Y_ENGINE_TORQUE_MIN,
@@ -83,7 +83,7 @@ TRUTH = (
     Y_ACCELEROMETER, Y_BRAKE_TORQUE, Y_BRAKE_SETPOINT, Y_BRAKE_REASON, Y_BODY_HELD,
     Y_STATE_OF_CHARGE, Y_BATTERY_VOLTAGE, Y_BATTERY_CURRENT, Y_BATTERY_TEMPERATURE,
     Y_BATTERY_REASON, Y_CONTACTOR_PHASE, Y_LINK_VOLTAGE, Y_DISCHARGE_LIMIT, Y_CHARGE_LIMIT,
-    Y_GRADE, Y_AMBIENT, Y_ENERGY, Y_ENERGY_LOST, Y_LOCK_ROW,
+    Y_GRADE, Y_AMBIENT, Y_ENERGY_LOST, Y_LOCK_ROW,
 ) = range(len(TRUTH))  # fmt: skip
 
 # Control modes of a motor.
@@ -355,7 +355,7 @@ def plant_step(
     sync_out = work[48 : 48 + synchronizer.N_OUT]
     synchronizer.synchronizer_step(
         plant.synchronizer, x[X_SYNC : X_SYNC + synchronizer.N_STATE], gear_request, force_request,
-        driveline.slip(bank, drive, G1), driveline.slip(bank, drive, G2),
+        driveline.row_speed(bank.locks, drive, G1), driveline.row_speed(bank.locks, drive, G2),
         float(n[driveline.HELD + G1]), float(n[driveline.HELD + G2]), y[Y_SYNC_TORQUE], sync_out,
     )  # fmt: skip
 
@@ -465,22 +465,22 @@ def observe(plant: Plant, x: Array, n: Integers, forces: Array, y: Array) -> Non
     bank = plant.bank
     drive = x[X_DRIVELINE:]
     radius = plant.car[CAR_TYRE_RADIUS]
-    y[Y_ENGINE_SPEED] = driveline.port_speed(bank, drive, ENGINE)
-    y[Y_EM1_SPEED] = driveline.port_speed(bank, drive, EM1)
-    y[Y_EM2_SPEED] = driveline.port_speed(bank, drive, EM2)
-    y[Y_WHEEL_LEFT_SPEED] = driveline.slip(bank, drive, LEFT)
-    y[Y_WHEEL_RIGHT_SPEED] = driveline.slip(bank, drive, RIGHT)
-    y[Y_BODY_SPEED] = driveline.port_speed(bank, drive, ROAD)
+    y[Y_ENGINE_SPEED] = driveline.row_speed(bank.ports, drive, ENGINE)
+    y[Y_EM1_SPEED] = driveline.row_speed(bank.ports, drive, EM1)
+    y[Y_EM2_SPEED] = driveline.row_speed(bank.ports, drive, EM2)
+    y[Y_WHEEL_LEFT_SPEED] = driveline.row_speed(bank.locks, drive, LEFT)
+    y[Y_WHEEL_RIGHT_SPEED] = driveline.row_speed(bank.locks, drive, RIGHT)
+    y[Y_BODY_SPEED] = driveline.row_speed(bank.ports, drive, ROAD)
     y[Y_VEHICLE_SPEED] = y[Y_BODY_SPEED] * radius
     y[Y_ACCELERATION] = radius * driveline.body_acceleration(bank, drive, n, forces)
     y[Y_ACCELEROMETER] = road.accelerometer(y[Y_ACCELERATION], y[Y_GRADE])
     y[Y_CLUTCH_TORQUE] = -driveline.friction_torque(bank, drive, n, forces, C1)
-    y[Y_CLUTCH_SLIP] = driveline.slip(bank, drive, C1)
+    y[Y_CLUTCH_SLIP] = driveline.row_speed(bank.locks, drive, C1)
     y[Y_CLUTCH_HELD] = n[driveline.HELD + C1]
     target = x[X_SYNC + synchronizer.X_TARGET]
     sync = G2 if target == 2.0 else G1
     y[Y_SYNC_TORQUE] = -driveline.friction_torque(bank, drive, n, forces, sync)
-    y[Y_SYNC_SLIP] = driveline.slip(bank, drive, sync) if target != 0.0 else 0.0
+    y[Y_SYNC_SLIP] = driveline.row_speed(bank.locks, drive, sync) if target != 0.0 else 0.0
     y[Y_SYNC_PHASE] = x[X_SYNC + synchronizer.X_PHASE]
     y[Y_SLEEVE_POSITION] = x[X_SYNC + synchronizer.X_POSITION]
     y[Y_SHIFT_FORCE] = x[X_SYNC + synchronizer.X_FORCE]
@@ -497,6 +497,5 @@ def observe(plant: Plant, x: Array, n: Integers, forces: Array, y: Array) -> Non
     y[Y_EM2_WINDING_TEMPERATURE] = x[X_THERMAL2 + thermal.X_WINDING]
     y[Y_EM2_INVERTER_TEMPERATURE] = x[X_THERMAL2 + thermal.X_INVERTER]
     y[Y_COOLANT_TEMPERATURE] = x[X_COOLANT]
-    y[Y_ENERGY] = driveline.energy(bank, drive, n)
     y[Y_ENERGY_LOST] = x[X_LOST]
     y[Y_LOCK_ROW] = n[driveline.ROW]

@@ -111,7 +111,7 @@ def test_a_kick_rings_at_the_first_mode(car: tuple[Structure, Bank], name: str) 
     values = np.array(trace)
     instants = crossings - values[crossings] / (values[crossings + 1] - values[crossings])
     period = 2e-3 * (instants[-1] - instants[0]) / (len(instants) - 1)
-    assert 1.0 / period == pytest.approx(found.oscillation_hz[0], rel=2e-3)
+    assert 1.0 / period == pytest.approx(found.oscillation_hz[0], rel=5e-3)
 
 
 def test_a_row_without_locks_is_configuration_zero() -> None:
