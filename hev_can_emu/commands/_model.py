@@ -20,6 +20,16 @@ MODELS = ("16dof", "4dof")
 REDUCTIONS = ("paper", "load-weighted")
 
 
+def add_vehicle_argument(parser: argparse.ArgumentParser) -> None:
+    """Add ``--vehicle``."""
+    parser.add_argument(
+        "--vehicle",
+        default="dai2024",
+        metavar="FILE",
+        help="vehicle file or name of a shipped one (default: %(default)s)",
+    )
+
+
 def add_configuration_argument(parser: argparse.ArgumentParser) -> None:
     """Add ``--configuration``."""
     parser.add_argument(

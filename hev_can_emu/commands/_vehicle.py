@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+import textwrap
 from pathlib import Path
 from typing import NamedTuple
 
@@ -64,11 +64,6 @@ def load_driveline(name: str = DEFAULT) -> DrivelineParameters:
     return load_vehicle(name).driveline
 
 
-def add_vehicle_argument(parser: argparse.ArgumentParser) -> None:
-    """Add ``--vehicle``."""
-    parser.add_argument(
-        "--vehicle",
-        default=DEFAULT,
-        metavar="FILE",
-        help="vehicle file or name of a shipped one (default: %(default)s)",
-    )
+def print_provenance(provenance: str) -> None:
+    """Print where the parameters come from; no answer is shown without it."""
+    print(textwrap.fill(f"Parameters: {provenance}", 100))

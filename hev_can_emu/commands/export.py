@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from hev_can_emu.commands._model import (
     add_model_arguments,
+    add_vehicle_argument,
     check_output,
     choose,
     configuration_named,
@@ -24,12 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
     parser.add_argument("--format", default="npz", metavar="FORMAT", help="npz (default) or mat")
     add_model_arguments(parser)
-    parser.add_argument(
-        "--vehicle",
-        default="dai2024",
-        metavar="FILE",
-        help="vehicle file or name of a shipped one (default: %(default)s)",
-    )
+    add_vehicle_argument(parser)
     parser.add_argument(
         "--out", metavar="FILE", help="file to write (default: MODEL_CONFIGURATION.FORMAT)"
     )
@@ -37,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Write the matrices; raises InputError for unusable options or files."""
-    from hev_can_emu.commands._vehicle import load_vehicle
+    from hev_can_emu.commands._vehicle import load_vehicle, print_provenance
     from hev_can_emu.plant.state_space import state_space
 
     kind = choose("--format", args.format, FORMATS)
@@ -61,7 +57,7 @@ def execute(args: argparse.Namespace) -> int:
         _write_mat(path, content, names, texts)
     nx, nu, ny = len(system.states), len(system.inputs), len(system.outputs)
     print(f"{path}: {nx} states, {nu} inputs, {ny} outputs; A, B, C, D with names and units")
-    print(f"Parameters: {vehicle.provenance}")
+    print_provenance(vehicle.provenance)
     return 0
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from hev_can_emu.commands._model import (
     add_model_arguments,
+    add_vehicle_argument,
     check_plot,
     configuration_named,
     reduction_named,
@@ -21,12 +22,7 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
     add_model_arguments(parser)
-    parser.add_argument(
-        "--vehicle",
-        default="dai2024",
-        metavar="FILE",
-        help="vehicle file or name of a shipped one (default: %(default)s)",
-    )
+    add_vehicle_argument(parser)
     parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
     parser.add_argument("--plot", metavar="FILE", help="draw the mode shapes (.png, .svg, .pdf)")
 
@@ -45,7 +41,8 @@ def execute(args: argparse.Namespace) -> int:
     if plot is not None:
         from hev_can_emu.report.modes_plot import plot_modes
 
-        title = f"{vehicle.name}, {args.model}, {args.configuration}"
+        rule = f", {reduction} reduction" if reduction else ""
+        title = f"{vehicle.name}, {args.model}{rule}, {args.configuration}"
         plot_modes(plot, result.names, result.undamped_hz.tolist(), result.shapes, title)
     if args.json:
         print(json.dumps(_as_json(result, args.model, args.configuration, reduction, vehicle[:2])))
@@ -85,9 +82,11 @@ def _print(
     reduction: str | None,
     vehicle: tuple[str, str],
 ) -> None:
+    from hev_can_emu.commands._vehicle import print_provenance
+
     rule = f", reduction {reduction}" if reduction else ""
     print(f"{vehicle[0]}: {model}, {configuration}{rule}; rigid-body modes: {result.rigid}")
-    print(f"Parameters: {vehicle[1]}")
+    print_provenance(vehicle[1])
     print()
     print(f"{'mode':>4} {'undamped Hz':>12} {'|l|/2pi Hz':>12} {'Im(l)/2pi Hz':>13} {'ratio':>9}")
     columns = (result.undamped_hz, result.damped_hz, result.oscillation_hz, result.damping_ratio)

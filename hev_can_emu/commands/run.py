@@ -7,12 +7,14 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
+from hev_can_emu.commands._live import LiveLine
 from hev_can_emu.commands._options import add_setup_arguments, make_setup, seconds
 
 if TYPE_CHECKING:
     from hev_can_emu.bus.port import Bus
     from hev_can_emu.runtime.emulator import Emulator, Event
-    from hev_can_emu.runtime.service import Service, Statistics
+    from hev_can_emu.runtime.service import Service
+    from hev_can_emu.runtime.statistics import Statistics
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -44,13 +46,12 @@ def execute(arguments: argparse.Namespace) -> int:
     import asyncio
 
     from hev_can_emu.bus.open import open_bus
-    from hev_can_emu.runtime.emulator import Emulator
+    from hev_can_emu.commands._compiling import ready_emulator
     from hev_can_emu.runtime.service import Service
     from hev_can_emu.telemetry.recorder import open_recorder
 
     open_bus(arguments.bus, time.monotonic_ns)  # a name that cannot be a bus is told at once
-    emulator = Emulator(setup)
-    emulator.advance(0)  # compiled before the clock starts
+    emulator = ready_emulator(setup)  # compiled before the clock starts
     epoch_ns = time.time_ns()
     recorders = [open_recorder(path, epoch_ns=epoch_ns) for path in arguments.record]
     line = StatusLine(emulator)
@@ -65,7 +66,6 @@ def execute(arguments: argparse.Namespace) -> int:
             on_status=line.status,
             on_event=line.event,
         )
-        line.service = service
         try:
             await service.run()
         finally:
@@ -83,16 +83,14 @@ def execute(arguments: argparse.Namespace) -> int:
 
 
 class StatusLine:
-    """One line that lives at the bottom of a terminal; events scroll above it.
+    """What the car does now, as one line at the bottom of a terminal; events scroll above it.
 
     On anything but a terminal only events are written.
     """
 
     def __init__(self, emulator: Emulator) -> None:
         self._emulator = emulator
-        self._live = sys.stderr.isatty()
-        self._shown = False
-        self.service: Service | None = None
+        self._line = LiveLine()
         self._hinted = False
 
     def ready(self, bus: Bus) -> None:
@@ -111,39 +109,26 @@ class StatusLine:
 
     def status(self, statistics: Statistics) -> None:
         """Rewrite the line."""
-        if not self._live:
-            return
         truth = self._emulator.truth
         rpm = 30.0 / 3.141592653589793
         mode = _MODES[round(self._emulator.state.statuses[_mode_port()])]
-        text = (
+        self._line.show(
             f"{self._emulator.now_ns * 1e-9:8.1f} s  {mode:16s} "
             f"{truth('vehicle_speed') * 3.6:6.1f} km/h  engine {truth('engine_speed') * rpm:5.0f} rpm  "
             f"EM1 {truth('em1_speed') * rpm:6.0f}  EM2 {truth('em2_speed') * rpm:6.0f}  "
             f"tx {statistics.sent} rx {statistics.received}  overruns {statistics.overruns}"
         )
-        sys.stderr.write("\r\x1b[K" + text)
-        sys.stderr.flush()
-        self._shown = True
 
     def event(self, event: Event) -> None:
         """Write an event above the line."""
-        if self._shown:
-            sys.stderr.write("\r\x1b[K")
-            self._shown = False
-        sys.stderr.write(f"{event.t_ns * 1e-9:8.3f} s  {event.kind}: {event.text}\n")
+        self._line.say(f"{event.t_ns * 1e-9:8.3f} s  {event.kind}: {event.text}")
         if event.kind == "lost" and "CRC" in event.text and not self._hinted:
             self._hinted = True
-            sys.stderr.write(
-                "            hint: --protection off takes frames without counter and CRC\n"
-            )
-        sys.stderr.flush()
+            self._line.say("hint: --protection off takes frames without counter and CRC")
 
     def end(self) -> None:
         """Leave the line standing."""
-        if self._shown:
-            sys.stderr.write("\n")
-            self._shown = False
+        self._line.end()
 
 
 _MODES = (
@@ -163,13 +148,8 @@ def print_statistics(service: Service) -> None:
     from hev_can_emu.runtime import tick
 
     statistics, scalars = service.statistics, service.emulator.state.scalars
-    median, p99, worst = statistics.lateness_us()
     counters = service.bus.counters
-    print(
-        f"{service.emulator.now_ns * 1e-9:.3f} s, {statistics.ticks} ticks, "
-        f"{statistics.overruns} overruns, {statistics.stalls} stalls; "
-        f"tick done {median:.0f} us after its deadline (median), {p99:.0f} us (99 %), {worst:.0f} us (most)"
-    )
+    print(f"{service.emulator.now_ns * 1e-9:.3f} s, {statistics.describe()}")
     print(
         f"frames: {statistics.sent} sent, {statistics.received} received, {counters.dropped} dropped, "
         f"{scalars[tick.REFUSED]} refused, {scalars[tick.UNKNOWN]} unknown, "

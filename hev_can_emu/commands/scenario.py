@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import re
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -72,7 +71,7 @@ def execute(arguments: argparse.Namespace) -> int:
 
 def _prepare(arguments: argparse.Namespace, path: Path) -> Playing:
     """Read a scenario and build its car; raises InputError."""
-    from hev_can_emu.runtime.emulator import Emulator
+    from hev_can_emu.commands._compiling import ready_emulator
     from hev_can_emu.runtime.playing import Playing, read_scenario
 
     document, scenario = read_scenario(path)
@@ -83,7 +82,7 @@ def _prepare(arguments: argparse.Namespace, path: Path) -> Playing:
     }
     owners: dict[str, str] = dict.fromkeys(scenario.plays, "emulated")
     owners |= scenario.nodes
-    emulator = Emulator(make_setup(arguments, head, owners))
+    emulator = ready_emulator(make_setup(arguments, head, owners))
     return Playing(emulator, document, scenario)
 
 
@@ -101,7 +100,6 @@ def _run(playing: Playing, bus: str | None, out: Path | None, stem: str, no_plot
             open_recorder(out / f"{stem}{ending}", epoch_ns=epoch_ns) for ending in (".blf", ".log")
         ]
         log = SignalLog(emulator.database, emulator.constants.codec)
-    emulator.advance(0)
     started = time.monotonic()
     trace = ""
     try:
@@ -168,6 +166,4 @@ def _in_wall_time(
         service.tell()
         progress.end(service.statistics)
 
-    with progress:
-        asyncio.run(serve())
-    sys.stdout.flush()
+    asyncio.run(serve())

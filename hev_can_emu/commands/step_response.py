@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from hev_can_emu.commands._model import (
     add_configuration_argument,
     add_reduction_argument,
+    add_vehicle_argument,
     check_plot,
     configuration_named,
     reduction_named,
@@ -26,12 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's options; their defaults are the experiment of Figure 12."""
     add_configuration_argument(parser)
     add_reduction_argument(parser)
-    parser.add_argument(
-        "--vehicle",
-        default="dai2024",
-        metavar="FILE",
-        help="vehicle file or name of a shipped one (default: %(default)s)",
-    )
+    add_vehicle_argument(parser)
     for name, default, unit, what in (
         ("engine-torque", 150.0, "NM", "engine torque after the step"),
         ("em1-torque", 0.0, "NM", "EM1 torque after the step"),
@@ -140,9 +136,11 @@ def _as_json(
 
 
 def _print(result: StepResponse, configuration: str, rule: str, vehicle: tuple[str, str]) -> None:
+    from hev_can_emu.commands._vehicle import print_provenance
+
     at = result.largest
     print(f"{vehicle[0]}: {configuration}, reduction {rule}, from rest, no road load")
-    print(f"Parameters: {vehicle[1]}")
+    print_provenance(vehicle[1])
     print()
     print(
         f"speed at {result.times[-1]:g} s      16-DOF {result.velocity_16[-1]:.4f} m/s"

@@ -11,44 +11,24 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import gc
 import signal
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from hev_can_emu.bus.port import Bus
-from hev_can_emu.errors import BusError
 from hev_can_emu.messages.frame import make_frames
 from hev_can_emu.runtime.clock import Grid
 from hev_can_emu.runtime.emulator import Emulator, Event
 from hev_can_emu.runtime.playing import Playing
+from hev_can_emu.runtime.statistics import Statistics
 from hev_can_emu.runtime.tick import TICK_NS
 from hev_can_emu.runtime.virtual import FrameSink
 
 RECEIVE_FRAMES = 8192
 STALL_NS = 1_000_000_000
-
-
-@dataclass
-class Statistics:
-    """How a run in real time went; times in ns."""
-
-    ticks: int = 0
-    overruns: int = 0
-    stalls: int = 0
-    stalled_ns: int = 0
-    sent: int = 0
-    received: int = 0
-    late_ns: list[int] = field(default_factory=list)
-
-    def lateness_us(self) -> tuple[float, float, float]:
-        """Return median, 99th percentile and maximum lateness of a tick's end, us."""
-        if not self.late_ns:
-            return 0.0, 0.0, 0.0
-        late = np.array(self.late_ns) / 1e3
-        return float(np.median(late)), float(np.percentile(late, 99)), float(late.max())
 
 
 class Service:
@@ -88,6 +68,7 @@ class Service:
         self._start_ns = time.monotonic_ns()
         self.bus = make_bus(self._now_ns)
         self._received = make_frames(RECEIVE_FRAMES)
+        self._waiting = 0  # frames in it that came after the last tick's deadline
         self._stop = asyncio.Event()
         self._failure: Exception | None = None
 
@@ -103,6 +84,10 @@ class Service:
                 with contextlib.suppress(ValueError, RuntimeError, NotImplementedError):
                     loop.add_signal_handler(number, self._interrupt)
                     undo.callback(loop.remove_signal_handler, number)
+            # A full collection over the compiler's half a million objects would take a hundred ticks.
+            gc.collect()
+            gc.freeze()
+            undo.callback(gc.unfreeze)
             async with self.bus:
                 if self._on_ready is not None:
                     self._on_ready(self.bus)
@@ -137,8 +122,11 @@ class Service:
         try:
             self._catch_up()
         except Exception as error:  # noqa: BLE001 - carried to run(), which raises it
-            self._failure = error
-            self.stop()
+            self._fail(error)
+
+    def _fail(self, error: Exception) -> None:
+        self._failure = self._failure or error
+        self.stop()
 
     def _catch_up(self) -> None:
         emulator, statistics = self.emulator, self.statistics
@@ -155,31 +143,66 @@ class Service:
             behind -= lost
         missed = behind // TICK_NS
         statistics.overruns += missed
-        count = self.bus.drain(self._received, RECEIVE_FRAMES)
-        statistics.received += count
-        until = emulator.now_ns + (missed + 1) * TICK_NS
+        last = emulator.now_ns + missed * TICK_NS
+        count = self._receive(now)
         if self._playing is None:
-            self._advance(until, count)
+            taken = self._advance(last, 0, count)
         else:
             # A scenario looks at every tick.
-            while emulator.now_ns < until and not self._playing.finished:
+            taken = 0
+            while emulator.now_ns <= last and not self._playing.finished:
                 self._playing.act(emulator.now_ns)
-                self._advance(emulator.now_ns + TICK_NS, count)
-                count = 0
+                taken = self._advance(emulator.now_ns, taken, count)
+        self._waiting = count - taken
+        if taken and self._waiting:
+            self._received[: self._waiting] = self._received[taken:count].copy()
         statistics.ticks += missed + 1
-        statistics.late_ns.append(self._now_ns() - (emulator.now_ns - TICK_NS))
+        late = self._now_ns() - last
+        for tick in range(missed + 1):
+            statistics.lateness.add(late + tick * TICK_NS)
         over = self._duration_ns is not None and emulator.now_ns >= self._duration_ns
         if over or (self._playing is not None and self._playing.finished):
             self.stop()
 
-    def _advance(self, until_ns: int, count: int) -> None:
-        frames = self.emulator.advance(until_ns, self._received, count)
+    def _receive(self, now_ns: int) -> int:
+        """Take what has come, behind what still waits; return how many frames there are."""
+        waiting = self._waiting
+        count = self.bus.drain(self._received[waiting:], RECEIVE_FRAMES - waiting)
+        self.statistics.received += count
+        count += waiting
+        if count:
+            # The car's time was set back after a stamp was given: at the start, after a stall.
+            stamps = self._received["t_ns"][:count]
+            np.minimum(stamps, now_ns, out=stamps)
+        return count
+
+    def _advance(self, last_ns: int, first: int, count: int) -> int:
+        """Do the ticks up to ``last_ns``, handing them what came by then.
+
+        A frame that comes between a deadline and its tick belongs to the next tick.
+
+        Args:
+            last_ns: deadline of the last tick to do.
+            first: first frame not yet handed over.
+            count: end of the received frames.
+
+        Returns:
+            The first frame that is now not yet handed over.
+        """
+        end = count
+        if first < count:
+            later = np.flatnonzero(self._received["t_ns"][first:count] > last_ns)
+            if len(later):
+                end = first + int(later[0])
+        received = self._received[first:end]
+        frames = self.emulator.advance(last_ns + TICK_NS, received, end - first)
         if len(frames):
             self.statistics.sent += len(frames)
             self.bus.send(frames, len(frames))
         for sink in self._sinks:
-            sink(self._received, count)
+            sink(received, end - first)
             sink(frames, len(frames))
+        return end
 
     async def _report(self) -> None:
         """Tell status, events and the bus's notices, off the tick's path."""
@@ -188,9 +211,8 @@ class Service:
             self.tell()
             if self._on_status is not None:
                 self._on_status(self.statistics)
-            lost = self.bus.lost
-            if lost is not None:
-                raise BusError(str(lost)) from lost
+            if self.bus.lost is not None:
+                self._fail(self.bus.lost)
 
     def tell(self) -> None:
         """Hand over events and notices that have come since the last time."""
