@@ -65,7 +65,7 @@ def test_modes_table_says_that_parameters_are_identified(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert main(["modes"]) == 0
-    printed = capsys.readouterr().out
+    printed = " ".join(capsys.readouterr().out.split())
     assert "Identified, not published" in printed
     assert "not unique" in printed
     assert "13163.53" in printed
