@@ -14,7 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from hev_can_emu.plant.objective import Objective
-from hev_can_emu.plant.problem import Observation, Problem
+from hev_can_emu.plant.observations import GRID, Observation
+from hev_can_emu.plant.problem import Problem
 from hev_can_emu.plant.residuals import Prediction, predict_modes
 from hev_can_emu.plant.step_residuals import run_step
 
@@ -105,7 +106,7 @@ def _guessed_ratio(problem: Problem, at: Array) -> float | None:
     The difference of two nearly equal decaying oscillations is largest one time constant after the
     step: ``1/(zeta*w)``.
     """
-    if problem.step is None:
+    if problem.step is None or np.isnan(problem.step.values[4]):
         return None
     first = Observation("16dof", problem.step.configuration, "undamped", (0,), (0.0,), (0.0,))
     only = problem._replace(observations=(first,))
@@ -159,7 +160,14 @@ def table(problem: Problem, sought: Array) -> list[Row]:
         for (what, unit), measured, tolerance, found in zip(
             names, problem.step.values, problem.step.tolerances, found_numbers, strict=True
         ):
-            rows.append(Row(f"step response: {what}", unit, measured, tolerance, found))
+            if not np.isnan(measured):
+                rows.append(Row(f"step response: {what}", unit, measured, tolerance, found))
+        before = round(problem.step.time / GRID)
+        for one in problem.step.samples:
+            speed = one.quantity == "vehicle_speed"
+            found = float((run.velocity_16 if speed else run.acceleration_16)[before + one.at])
+            what = f"step response: {one.quantity[8:]} at {GRID * (before + one.at):g} s"
+            rows.append(Row(what, "m/s" if speed else "m/s^2", one.value, one.tolerance, found))
     return rows
 
 

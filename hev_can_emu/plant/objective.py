@@ -8,7 +8,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
-from hev_can_emu.plant.problem import Observation, Problem, StepObservation
+from hev_can_emu.plant.observations import Observation, StepObservation
+from hev_can_emu.plant.problem import Problem
 from hev_can_emu.plant.residuals import Prediction, predict_modes
 from hev_can_emu.plant.step_residuals import predict_step
 
@@ -65,14 +66,9 @@ class Objective:
             residuals.append(one)
             slopes.append(slope)
         if self.with_step and self.problem.step is not None:
-            step = predict_step(self.problem, sought)
-            more = len(step.values) - len(self.problem.step.values)
-            excess = max(_EXCESS_TOLERANCE, 100.0 * self.coarse)
-            tolerance = np.array([*self.problem.step.tolerances, *(more * [excess])])
-            measured = np.array([*self.problem.step.values, *(more * [0.0])])
-            tolerance[:2] = np.maximum(tolerance[:2], self.coarse * measured[:2])
-            residuals.append((step.values - measured) / tolerance)
-            slopes.append(step.jacobian / tolerance[:, None])
+            one, slope = self._compare_step(sought, self.problem.step)
+            residuals.append(one)
+            slopes.append(slope)
         return np.concatenate(residuals), np.vstack(slopes)
 
     def _compare(self, index: int, predictions: list[Prediction | None]) -> tuple[Array, Array]:
@@ -113,6 +109,19 @@ class Objective:
                 row = other.orders.index(order)
                 return float(prediction.values[row]), other.values[row], prediction.jacobian[row]
         return None
+
+    def _compare_step(self, sought: Array, observed: StepObservation) -> tuple[Array, Array]:
+        found = predict_step(self.problem, sought)
+        more = len(found.values) - len(observed.values) - len(observed.samples)
+        excess = max(_EXCESS_TOLERANCE, 100.0 * self.coarse)
+        sampled = [one.tolerance for one in observed.samples]
+        tolerance = np.array([*observed.tolerances, *sampled, *(more * [excess])])
+        sampled = [one.value for one in observed.samples]
+        measured = np.array([*observed.values, *sampled, *(more * [0.0])])
+        tolerance[:2] = np.fmax(tolerance[:2], self.coarse * measured[:2])
+        given = ~np.isnan(measured)
+        deviation = (found.values[given] - measured[given]) / tolerance[given]
+        return deviation, found.jacobian[given] / tolerance[given, None]
 
     def _compare_ratio(self, sought: Array, wanted: float) -> tuple[Array, Array]:
         step = cast(StepObservation, self.problem.step)

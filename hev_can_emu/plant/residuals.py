@@ -17,7 +17,8 @@ from hev_can_emu.plant.eigen_gradient import (
     undamped,
     undamped_gradient,
 )
-from hev_can_emu.plant.problem import MODES_16DOF, Problem
+from hev_can_emu.plant.observations import MODES_16DOF
+from hev_can_emu.plant.problem import Problem
 from hev_can_emu.plant.reduction import lump_inertias, paper_half_shafts
 from hev_can_emu.plant.structure import (
     BRANCHES,

@@ -8,7 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from hev_can_emu.plant.eigen_gradient import Chain, step_acceleration
-from hev_can_emu.plant.problem import MODES_16DOF, Problem, StepObservation
+from hev_can_emu.plant.observations import GRID, MODES_16DOF, StepObservation
+from hev_can_emu.plant.problem import Problem
 from hev_can_emu.plant.residuals import (
     REDUCED_INCIDENCE,
     Prediction,
@@ -24,16 +25,15 @@ Array = npt.NDArray[np.float64]
 
 _STEP_DIFFERENCE = 1e-6
 _CLEARLY_LARGEST = 0.9995
-GRID = 0.01
-"""Spacing of the step response, s: the paper's print interval."""
 
 
 def predict_step(problem: Problem, sought: Array) -> Prediction:
     """Return the step response's numbers, by forward differences in each parameter.
 
-    The first five are the measured ones, made smooth: the difference of accelerations is taken at the
-    measured instant, with its sign, and the time of the largest from the slope there.  The others
-    say for each half-wave by what part it is larger than the measured one, 0 where it is smaller.
+    The first five are those of Figure 12, made smooth: the difference of accelerations is taken at the
+    measured instant, with its sign, and the time of the largest from the slope there (NaN where not
+    measured).  Then come the samples, and for each half-wave by what part it is larger than the
+    measured one, 0 where it is smaller.
     """
     here = _step_numbers(problem, sought)
     jacobian = np.zeros((len(here), len(sought)))
@@ -60,27 +60,42 @@ def _step_numbers(problem: Problem, sought: Array) -> Array:
     count = round((observed.end - observed.time) / GRID) + 1
     v16, a16 = _full_step(parameters, configuration, observed, count)
     v4, a4 = _reduced_step(parameters, configuration, observed, count)
-    gap = a16 - a4
+    # With the sign the measured speeds have, lest the fit end where the models are swapped.
+    sign = -1.0 if observed.values[0] < observed.values[1] else 1.0
+    apart = 100.0 * sign * (v16[-1] - v4[-1]) / v16[-1]
+    numbers = [v16[-1], v4[-1], apart, np.nan, np.nan]
+    excess = np.zeros(0)
+    if not np.isnan(observed.lowest):
+        numbers[3], numbers[4], excess = _furthest_apart(observed, a16, a16 - a4)
+    samples = [
+        (v16 if one.quantity == "vehicle_speed" else a16)[one.at] for one in observed.samples
+    ]
+    return np.concatenate([numbers, samples, excess])
+
+
+def _furthest_apart(
+    observed: StepObservation, acceleration: Array, gap: Array
+) -> tuple[float, float, Array]:
+    """Return difference (%), instant (s), and by what part each half-wave exceeds the measured one."""
+    count = len(gap)
     wanted = round((observed.values[4] - observed.time) / GRID)
-    wanted = min(max(wanted, 1), len(gap) - 2)
+    wanted = min(max(wanted, 1), count - 2)
     # The gap oscillates as the lowest mode does, so its slope tells how far off its crest is.
-    lowest = 2.0 * np.pi * problem.observations[0].values[0]
-    height = 0.01 * observed.values[3] * abs(a16[wanted])
+    height = 0.01 * observed.values[3] * abs(acceleration[wanted])
     slope = (gap[wanted + 1] - gap[wanted - 1]) / (2.0 * GRID)
     # The reduced model, with all compliances in series, is the softer one: this is the gap's sign.
-    sign = 1.0 if np.sin(lowest * (observed.values[4] - observed.time)) >= 0.0 else -1.0
-    percent = 100.0 * sign * gap[wanted] / abs(a16[wanted])
-    when = observed.values[4] + sign * slope / (lowest**2 * height)
-    # With the sign the measured speeds have, lest the fit end where the models are swapped.
-    sign = 1.0 if observed.values[0] >= observed.values[1] else -1.0
-    apart = 100.0 * sign * (v16[-1] - v4[-1]) / v16[-1]
+    phase = observed.lowest * (observed.values[4] - observed.time)
+    sign = 1.0 if np.sin(phase) >= 0.0 else -1.0
+    percent = 100.0 * sign * gap[wanted] / abs(acceleration[wanted])
+    when = observed.values[4] + sign * slope / (observed.lowest**2 * height)
     # Largest of every half-wave, counted from the one that holds the measured instant.
-    half = np.floor((GRID * (np.arange(count) - wanted)) * lowest / np.pi + 0.5).astype(int)
+    waves = (GRID * (np.arange(count) - wanted)) * observed.lowest / np.pi
+    half = np.floor(waves + 0.5).astype(int)
     largest = np.zeros(half[-1] - half[0] + 1)
     np.maximum.at(largest, half - half[0], np.abs(gap))
     excess = np.maximum(0.0, largest / abs(gap[wanted]) - _CLEARLY_LARGEST)
     excess[-half[0]] = 0.0
-    return np.concatenate([[v16[-1], v4[-1], apart, percent, when], excess])
+    return percent, when, excess
 
 
 def _full_step(

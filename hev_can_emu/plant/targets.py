@@ -56,19 +56,34 @@ class FrequencySet(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     damping_ratio_tolerance: float | None = None
 
 
+class Sample(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The car's measured speed or acceleration at an instant (s, on a grid of 0.01 s)."""
+
+    quantity: Literal["vehicle_speed", "vehicle_acceleration"]
+    time: float
+    value: float
+    unit: str
+    tolerance: float
+
+
 class StepTargets(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A torque step from rest in both models, as in Figure 12 of Dai et al. 2024."""
+    """A torque step from rest: samples of a car's response, and the numbers of Figure 12.
+
+    The speeds are read at ``read_out_time``; the others compare the 16-DOF with the 4-DOF model, as in
+    Dai et al. 2024.  ``samples`` are compared with the 16-DOF model.
+    """
 
     configuration: str
     step_time: Given
     read_out_time: Given
     engine_torque: Given
     em2_torque: Given
-    velocity_16dof: Measured
-    velocity_4dof: Measured
-    velocity_difference: Measured
-    acceleration_difference: Measured
-    acceleration_difference_time: Measured
+    samples: list[Sample] = []
+    velocity_16dof: Measured | None = None
+    velocity_4dof: Measured | None = None
+    velocity_difference: Measured | None = None
+    acceleration_difference: Measured | None = None
+    acceleration_difference_time: Measured | None = None
 
 
 class TargetsFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

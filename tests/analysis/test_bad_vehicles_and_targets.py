@@ -142,6 +142,28 @@ TARGETS_FILES = [
 ]
 STEPS = [
     (
+        r"  acceleration_difference_time: .*\n",
+        "",
+        "$.step_response: expected the key 'acceleration_difference_time', got only its counterpart",
+    ),
+    (
+        r"step_time: \{value: 4",
+        "step_time: {value: 4.005",
+        "$.step_response.step_time: expected a multiple of 0.01 s, got 4.005 s",
+    ),
+    (
+        r"  velocity_16dof:",
+        "  samples: [{quantity: vehicle_speed, time: 3.9, value: 1, unit: m/s, tolerance: 0.1}]\n"
+        "  velocity_16dof:",
+        "$.step_response.samples[0].time: expected a time from 4 to 10 s, got 3.9 s",
+    ),
+    (
+        r"undamped: \[5.69,",
+        "undamped: [null,",
+        "$.step_response.acceleration_difference_time: expected the first undamped mode of 16dof in that"
+        " configuration too, got none",
+    ),
+    (
         r"read_out_time: \{value: 10",
         "read_out_time: {value: 3",
         "$.step_response.read_out_time: expected a time after the step, got 3 s",

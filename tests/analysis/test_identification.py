@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -14,6 +16,7 @@ from hev_can_emu.plant.problem import Problem, problem
 from hev_can_emu.plant.reduction import reduced
 from hev_can_emu.plant.residuals import parameters_at, predict_modes
 from hev_can_emu.plant.step_residuals import predict_step, run_step
+from hev_can_emu.plant.step_response import Step, step_response
 from hev_can_emu.plant.structure import CONFIGURATIONS, full_order
 from hev_can_emu.plant.targets import TargetsFile
 from hev_can_emu.resources import folder
@@ -123,6 +126,42 @@ def test_synthetic_cars_determined_combinations_come_back_within_one_percent() -
     assert sum(share > 0.99 for share in shares.values()) == 10
 
 
+def test_a_measured_step_response_determines_the_tyre_radius(tmp_path: Path) -> None:
+    # Frequencies cannot tell the tyre radius; the car's speed after a torque step does.
+    one = posed("synthetic")
+    truth = parameters_at(one, np.log([TRUTH[name] for name in one.sought]))
+    run = step_response(truth, CONFIGURATIONS["parallel_g1"], Step(1.0, 3.0, 100.0, 0.0, 50.0))
+    samples = [
+        f"    - {{quantity: vehicle_{what}, time: {time}, value: {values[round(time * 100)]:.5f},"
+        f" unit: {unit}, tolerance: 0.0001}}"
+        for what, unit, values in (
+            ("speed", "m/s", run.velocity_16),
+            ("acceleration", "m/s^2", run.acceleration_16),
+        )
+        for time in (1.1, 1.2, 3.0)
+    ]
+    step = [
+        "step_response:",
+        "  configuration: parallel_g1",
+        "  step_time: {value: 1, unit: s}",
+        "  read_out_time: {value: 3, unit: s}",
+        "  engine_torque: {value: 100, unit: N m}",
+        "  em2_torque: {value: 50, unit: N m}",
+        "  samples:",
+        *samples,
+    ]
+    path = tmp_path / "measured.yaml"
+    text = (TARGETS / "synthetic.yaml").read_text(encoding="utf-8")
+    path.write_text(text + "\n".join(step) + "\n", encoding="utf-8")
+    two = problem(config.load(path, TargetsFile), "measured")
+    fit = fit_start(two, 1, 0)
+    assert fit.matched
+    found = dict(zip(two.sought, np.exp(fit.sought), strict=True))
+    assert found["tyre_radius"] == pytest.approx(TRUTH["tyre_radius"], rel=1e-3)
+    assert determinacy(two, fit.sought).determined == 11
+    assert sum(row.what.startswith("step response") for row in table(two, fit.sought)) == 6
+
+
 def test_starts_do_not_depend_on_each_other_and_repeat() -> None:
     one = posed("synthetic")
     fits = [fit_start(one, 1, 2) for _ in range(2)]
@@ -141,8 +180,8 @@ def test_a_start_on_the_papers_tables_meets_the_tables() -> None:
 
 @pytest.mark.parametrize("jobs", ["1", "2"])
 def test_command_writes_a_vehicle_that_meets_the_targets(
-    jobs: str, tmp_path, capsys: pytest.CaptureFixture[str]
-) -> None:  # type: ignore[no-untyped-def]
+    jobs: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     out = tmp_path / "found.yaml"
     assert main(["identify", "synthetic", "--out", str(out), "--jobs", jobs]) == 0
     printed = capsys.readouterr().out
