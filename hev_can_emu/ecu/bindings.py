@@ -50,6 +50,9 @@ __all__ = [
     "with_ownership",
 ]
 
+SILENCE_PERIODS = 3
+"""An external unit whose message is missing for longer than so many periods is gone."""
+
 Steps = tuple[str | int, ...]
 Locate = Callable[[Steps], str]
 
@@ -87,6 +90,8 @@ class _Row(NamedTuple):
     map_start: int
     map_stop: int
     optional: int
+    low: float
+    high: float
 
 
 class _Resolver:
@@ -110,6 +115,7 @@ class _Resolver:
         self._timeout_ns = np.zeros(count, dtype=np.int64)
         self._ramp_ns = np.zeros(count, dtype=np.int64)
         self._reaction = np.zeros(count, dtype=np.int64)
+        self._silence_ns = np.zeros(count, dtype=np.int64)
         self._status_port = np.full(count, -1, dtype=np.int64)
 
     def run(self) -> ResolvedBindings:
@@ -160,6 +166,8 @@ class _Resolver:
         for key, tie in binding.status.items():
             place = (*steps, "status", key)
             self._tx[message.index].append(self._tie(place, key, tie, signals, message, False, ()))
+        if binding.external:
+            self._silence_ns[message.index] = SILENCE_PERIODS * message.cycle_time_ns
         if binding.supervision is not None:
             self._supervise((*steps, "supervision"), message, binding, binding.supervision)
 
@@ -200,7 +208,8 @@ class _Resolver:
             gain, offset = full.factor * measured.gain, full.factor * measured.offset
         else:
             gain, offset = 1.0 / (full.factor * measured.gain), -measured.offset / measured.gain
-        return _Row(signal.index, index, gain, offset, start, stop, int(key in optional))
+        low, high = _range(signal)
+        return _Row(signal.index, index, gain, offset, start, stop, int(key in optional), low, high)
 
     def _port(self, steps: Steps, name: str, receive: bool) -> int:
         known, other = (_REQUESTS, _STATUSES) if receive else (_STATUSES, _REQUESTS)
@@ -300,6 +309,8 @@ class _Resolver:
             rx_map_start=_integers(row.map_start for row in rx),
             rx_map_stop=_integers(row.map_stop for row in rx),
             rx_optional=_integers(row.optional for row in rx).astype(np.uint8),
+            rx_low=_floats(row.low for row in rx),
+            rx_high=_floats(row.high for row in rx),
             tx_start=_starts(self._tx),
             tx_signal=_integers(row.signal for row in tx),
             tx_port=_integers(row.port for row in tx),
@@ -317,9 +328,20 @@ class _Resolver:
             ramp_ns=self._ramp_ns,
             reaction=self._reaction,
             status_port=self._status_port,
+            silence_ns=self._silence_ns,
             cover_start=_starts(self._covers),
             cover_port=_integers(port for covers in self._covers for port in covers),
         )
+
+
+def _range(signal: SignalDef) -> tuple[float, float]:
+    """Return the physical values between which a signal means something, labels included."""
+    labels = [raw for raw in signal.labels if raw != signal.not_available]
+    labelled = [raw * signal.scale + signal.offset for raw in labels]
+    low = -math.inf if signal.minimum is None else min([signal.minimum, *labelled])
+    high = math.inf if signal.maximum is None else max([signal.maximum, *labelled])
+    slack = 0.0 if signal.is_float else 1e-6 * abs(signal.scale)
+    return low - slack, high + slack
 
 
 def _starts(groups: Iterable[list[_Row]] | Iterable[list[int]]) -> np.ndarray:

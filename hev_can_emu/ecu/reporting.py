@@ -102,7 +102,6 @@ _LOST: tuple[tuple[int, int], ...] = (
     (ports.S_CLUTCH_LIMIT_REASON, ports.S_CLUTCH_REQUEST_STATUS),
     (ports.S_SYNCHRONIZER_LIMIT_REASON, ports.S_SYNCHRONIZER_REQUEST_STATUS),
     (ports.S_BRAKE_LIMIT_REASON, ports.S_BRAKE_REQUEST_STATUS),
-    (ports.S_BATTERY_LIMIT_REASON, ports.S_HV_REQUEST_STATUS),
 )
 COPIES = np.array(_COPIES, dtype=np.int64)
 ECHOES = np.array(_ECHOES, dtype=np.int64)
@@ -130,6 +129,14 @@ def _motor_state(mode: float, connected: bool) -> float:
     if mode in (ports.CONTROL_TORQUE, ports.CONTROL_SPEED) and connected:
         return mode + 1.0
     return float(MOTOR_STANDBY)
+
+
+@kernel
+def _at_bound(command: Array, base: int, setpoint: float) -> bool:
+    """Whether a motor in speed control is held back by a bound of its request."""
+    if command[base] != ports.CONTROL_SPEED:
+        return False
+    return bool(setpoint == command[base + 3] or setpoint == command[base + 4])
 
 
 @kernel
@@ -170,6 +177,12 @@ def statuses_from_truth(
     connected = truth[plant.Y_CONTACTOR_PHASE] in (2.0, 3.0)
     statuses[ports.S_EM1_STATE] = _motor_state(command[plant.U_EM1_MODE], connected)
     statuses[ports.S_EM2_STATE] = _motor_state(command[plant.U_EM2_MODE], connected)
+    for reason, base, setpoint in (
+        (ports.S_EM1_LIMIT_REASON, plant.U_EM1_MODE, ports.S_EM1_TORQUE_SETPOINT),
+        (ports.S_EM2_LIMIT_REASON, plant.U_EM2_MODE, ports.S_EM2_TORQUE_SETPOINT),
+    ):
+        if statuses[reason] == ports.LIMIT_NONE and _at_bound(command, base, statuses[setpoint]):
+            statuses[reason] = ports.LIMIT_TORQUE_BOUND
     clutch = CLUTCH_OPEN
     if truth[plant.Y_CLUTCH_HELD] > 0.5:
         clutch = CLUTCH_LOCKED
@@ -177,12 +190,12 @@ def statuses_from_truth(
         clutch = CLUTCH_SLIPPING
     statuses[ports.S_CLUTCH_STATE] = clutch
     phase = truth[plant.Y_SYNC_PHASE]
-    reason = float(ports.LIMIT_NONE)
+    shift_reason = float(ports.LIMIT_NONE)
     if phase == ports.SYNC_ABORTED:
-        reason = float(ports.LIMIT_SYNC_TIMEOUT)
+        shift_reason = float(ports.LIMIT_SYNC_TIMEOUT)
     elif phase == ports.SYNC_BLOCKED_BY_TORQUE:
-        reason = float(ports.LIMIT_TORQUE_ON_DOGS)
-    statuses[ports.S_SYNCHRONIZER_LIMIT_REASON] = reason
+        shift_reason = float(ports.LIMIT_TORQUE_ON_DOGS)
+    statuses[ports.S_SYNCHRONIZER_LIMIT_REASON] = shift_reason
     for i in range(LOST_REASONS.shape[0]):
         # A unit that was never asked is not limited by a lost request.
         if statuses[LOST_REASONS[i, 1]] > ports.REQUEST_NEVER:

@@ -7,7 +7,7 @@ single values where the network's codes differ from the ports'.  NaN, not availa
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -42,6 +42,8 @@ class ResolvedBindings(NamedTuple):
     rx_map_start: np.ndarray
     rx_map_stop: np.ndarray
     rx_optional: np.ndarray  #: (R,) 1 where "not available" is no defect of the message
+    rx_low: np.ndarray  #: (R,) least physical value of the signal, -inf for none
+    rx_high: np.ndarray  #: (R,) greatest physical value of the signal, inf for none
     tx_start: np.ndarray  #: (M+1,)
     tx_signal: np.ndarray  #: (T,) index into the signal vector
     tx_port: np.ndarray  #: (T,) index into the status vector
@@ -59,6 +61,7 @@ class ResolvedBindings(NamedTuple):
     ramp_ns: np.ndarray  #: (M,) from the lost request's value to zero
     reaction: np.ndarray  #: (M,) REACT_*
     status_port: np.ndarray  #: (M,) status port that takes the REQUEST_* code, -1 none
+    silence_ns: np.ndarray  #: (M,) an external unit silent for longer is gone; 0: never
     cover_start: np.ndarray  #: (M+1,)
     cover_port: np.ndarray  #: index into the request vector
 
@@ -69,6 +72,19 @@ def with_ownership(resolved: ResolvedBindings, ownership: Mapping[int, int]) -> 
     for node, owner in ownership.items():
         node_ownership[node] = owner
     return resolved._replace(node_ownership=node_ownership)
+
+
+@kernel
+def received_value(resolved: ResolvedBindings, values: np.ndarray, tie: int) -> Any:
+    """Return what one received tie (index) carries from ``values`` to its port, NaN not available."""
+    value = values[resolved.rx_signal[tie]]
+    start, stop = resolved.rx_map_start[tie], resolved.rx_map_stop[tie]
+    if start == stop:
+        return value * resolved.rx_gain[tie] + resolved.rx_offset[tie]
+    for i in range(start, stop):
+        if resolved.map_value[i] == value:
+            return resolved.map_code[i]
+    return np.nan
 
 
 @kernel
@@ -88,17 +104,7 @@ def requests_from_signals(
     ):
         return
     for tie in range(resolved.rx_start[message], resolved.rx_start[message + 1]):
-        value = values[resolved.rx_signal[tie]]
-        start, stop = resolved.rx_map_start[tie], resolved.rx_map_stop[tie]
-        if start == stop:
-            result = value * resolved.rx_gain[tie] + resolved.rx_offset[tie]
-        else:
-            result = np.nan
-            for i in range(start, stop):
-                if resolved.map_value[i] == value:
-                    result = resolved.map_code[i]
-                    break
-        requests[resolved.rx_port[tie]] = result
+        requests[resolved.rx_port[tie]] = received_value(resolved, values, tie)
 
 
 @kernel

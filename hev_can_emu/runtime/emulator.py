@@ -31,8 +31,8 @@ from hev_can_emu.runtime import tick
 from hev_can_emu.runtime.setup import PROTECTION_MODES, Setup, load_car, network_files
 from hev_can_emu.runtime.tick import TICK_NS, Constants, State, make_world, run_world
 
-BOOT_NS = 100_000_000
-AFTERRUN_NS = 500_000_000
+BOOT_NS = control.BOOT_TICKS * TICK_NS
+AFTERRUN_NS = control.AFTERRUN_TICKS * TICK_NS
 FRAMES_OUT = 8192
 EVENTS = 4096
 
@@ -177,7 +177,7 @@ class Emulator:
         state.power[:] = tick.AWAKE if ready else tick.ASLEEP
         state.power[constants.follows_ignition == 0] = tick.AWAKE
         state.scalars[tick.LAST_MODE] = ports.MODE_ELECTRIC_NEUTRAL
-        state.unit_state[control.CONTACTORS_WANTED] = float(ready)
+        control.start_units(state.unit_state, ready)
         reset_restbus(constants.restbus, state.transmit, 0)
         reset_receive(constants.codec, state.receive)
         supervision.reset_supervision(state.supervision)
