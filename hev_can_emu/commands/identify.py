@@ -140,7 +140,7 @@ def _fits(posed: Problem, seed: int, starts: int, jobs: int) -> Iterator[Iterato
     previous = {name: os.environ.get(name) for name in _THREADS}
     os.environ.update(dict.fromkeys(_THREADS, "1"))
     try:
-        with multiprocessing.get_context("spawn").Pool(jobs) as pool:
+        with multiprocessing.get_context("spawn").Pool(jobs, initializer=_leave_interrupts) as pool:
             yield pool.imap(work, range(starts))
     finally:
         for name, value in previous.items():
@@ -148,6 +148,13 @@ def _fits(posed: Problem, seed: int, starts: int, jobs: int) -> Iterator[Iterato
                 del os.environ[name]
             else:
                 os.environ[name] = value
+
+
+def _leave_interrupts() -> None:
+    """In a worker: leave Ctrl-C to the parent, which then ends the pool."""
+    import signal
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
