@@ -76,7 +76,7 @@ def plot_run(
 
 def _panels(figure: Figure, rows: int, has_steps: bool) -> tuple[Any, Any, Any, Any]:
     """Lay out the strip of step labels, the speeds, the torques and the ribbons."""
-    heights = [1.05 if has_steps else 0.05, 4.0, 3.4, 0.35 + 0.4 * max(rows, 1)]
+    heights = [1.25 if has_steps else 0.05, 4.0, 3.4, 0.35 + 0.4 * max(rows, 1)]
     grid = figure.add_gridspec(
         4, 1, height_ratios=heights, left=0.075, right=0.925, top=0.945, bottom=0.06, hspace=0.2
     )

@@ -30,7 +30,7 @@ _FILLS = {
     "closed": "#d3b3d3",
     "locked": "#d3b3d3",
 }
-_LINES = 5
+_LINES = 6
 _SPARE_FILLS = ("#e8d5b5", "#cfd8dc", "#f3c6c6", "#d7ccc8", "#dce775")
 
 
@@ -169,9 +169,13 @@ def _fills_for(ribbons: Sequence[Ribbon]) -> dict[str, str]:
 
 
 def _explain(axes: Axes, fills: Mapping[str, str]) -> None:
-    """Put the colours of labels that found no room under the time axis, right-aligned."""
+    """Put the colours of labels that found no room under the time axis, right-aligned.
+
+    The axis's label gives way to the left then.
+    """
     if not fills:
         return
+    axes.xaxis.label.set(horizontalalignment="left", x=0.0)
     from matplotlib.patches import Patch
 
     axes.legend(
