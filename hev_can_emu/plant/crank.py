@@ -227,7 +227,7 @@ def crank_torque(
         travel: of the crank over the step without inertial torque, rad.
         speed_gain: rad/s per N m; for a crank of inertia J alone ``step/J``.
         travel_gain: rad per N m; for a crank alone ``step^2/(2*J)``.
-        step: s; any part of an inner step, such as up to an event, will do.
+        step: s, above 0; any part of an inner step, such as the rest after an event, will do.
         throttle: opening, 0 to 1; counts only with ``throttled``.
     """
     sine, cosine = math.sin(angle), math.cos(angle)
@@ -256,10 +256,8 @@ def crank_torque(
         for _ in range(_ROUNDS - rounds):  # Newton on what is, for a given travel, a square
             last = end_speed + speed_gain * torque
             total = speed + last
-            rate = 2.0 / step
-            if abs(moved - 0.5 * step * total) < 0.1 * abs(
-                moved
-            ):  # else it turns round in this step
+            rate = 2.0 / step  # where it turns round in this step
+            if abs(moved - 0.5 * step * total) < 0.1 * abs(moved):
                 rate = total / moved
             gap = 0.25 * slope * (speed * speed + last * last)
             gap = torque + factor * (gap + half_inertia * (last - speed) * rate)
