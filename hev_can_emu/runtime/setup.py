@@ -56,6 +56,8 @@ class Setup(msgspec.Struct, frozen=True, kw_only=True):
         _choose("--start", self.start, STARTS)
         for node, owner in self.nodes.items():
             _choose(f"--node {node}", owner, OWNERS)
+        if not 0.0 <= self.state_of_charge <= 1.0:
+            raise InputError("state of charge", "0 to 1", f"{self.state_of_charge:g}")
 
 
 def _choose(where: str, value: str, known: tuple[str, ...]) -> None:
