@@ -12,7 +12,7 @@ from hev_can_emu.plant import powertrain as plant
 Array = npt.NDArray[np.float64]
 
 CLUTCH_OPEN, CLUTCH_SLIPPING, CLUTCH_LOCKED = 0, 1, 2
-MOTOR_INIT, MOTOR_STANDBY = 0, 1
+MOTOR_INIT, MOTOR_STANDBY, MOTOR_TORQUE, MOTOR_SPEED = 0, 1, 2, 3
 
 # Straight copies: status port, truth.
 _COPIES: tuple[tuple[int, int], ...] = (
@@ -177,12 +177,22 @@ def statuses_from_truth(
     connected = truth[plant.Y_CONTACTOR_PHASE] in (2.0, 3.0)
     statuses[ports.S_EM1_STATE] = _motor_state(command[plant.U_EM1_MODE], connected)
     statuses[ports.S_EM2_STATE] = _motor_state(command[plant.U_EM2_MODE], connected)
-    for reason, base, setpoint in (
-        (ports.S_EM1_LIMIT_REASON, plant.U_EM1_MODE, ports.S_EM1_TORQUE_SETPOINT),
-        (ports.S_EM2_LIMIT_REASON, plant.U_EM2_MODE, ports.S_EM2_TORQUE_SETPOINT),
-    ):
-        if statuses[reason] == ports.LIMIT_NONE and _at_bound(command, base, statuses[setpoint]):
+    for reason, base, setpoint, state, asked in (
+        (
+            ports.S_EM1_LIMIT_REASON, plant.U_EM1_MODE, ports.S_EM1_TORQUE_SETPOINT,
+            ports.S_EM1_STATE, ports.EM1_TORQUE_REQUEST,
+        ),
+        (
+            ports.S_EM2_LIMIT_REASON, plant.U_EM2_MODE, ports.S_EM2_TORQUE_SETPOINT,
+            ports.S_EM2_STATE, ports.EM2_TORQUE_REQUEST,
+        ),
+    ):  # fmt: skip
+        if statuses[reason] != ports.LIMIT_NONE:
+            continue
+        if _at_bound(command, base, statuses[setpoint]):
             statuses[reason] = ports.LIMIT_TORQUE_BOUND
+        elif statuses[state] not in (MOTOR_TORQUE, MOTOR_SPEED) and abs(request[asked]) > 0.0:
+            statuses[reason] = ports.LIMIT_DISABLED
     clutch = CLUTCH_OPEN
     if truth[plant.Y_CLUTCH_HELD] > 0.5:
         clutch = CLUTCH_LOCKED
