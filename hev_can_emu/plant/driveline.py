@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from hev_can_emu.jit import kernel
 from hev_can_emu.plant.bank import Bank
+from hev_can_emu.plant.events import note
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -31,9 +32,6 @@ N_INTEGERS = 2 * N_LOCKS + 3
 
 MAX_EVENTS_PER_STEP = 24
 
-EVENT = np.dtype(
-    [("t_ns", np.int64), ("kind", np.int32), ("index", np.int32), ("value", np.float64)]
-)
 LOCKED, RELEASED, REVERSED = 1, 2, 3  #: kinds of driveline events; ``value`` is the held torque
 
 
@@ -202,15 +200,9 @@ def _note(
     events: npt.NDArray[np.void],
     n_events: int,
 ) -> int:
-    """Append an event record while there is room; always count it."""
+    """Count an event and append its record."""
     state[EVENTS] += 1
-    if n_events < events.shape[0]:
-        events[n_events]["t_ns"] = t_ns
-        events[n_events]["kind"] = kind
-        events[n_events]["index"] = lock
-        events[n_events]["value"] = value
-        return n_events + 1
-    return n_events
+    return note(events, n_events, t_ns, kind, lock, value)
 
 
 @kernel

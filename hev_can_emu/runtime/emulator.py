@@ -27,6 +27,7 @@ from hev_can_emu.messages.restbus import build_restbus, reset_restbus, restbus_s
 from hev_can_emu.messages.transfer import receive_state_size, reset_receive
 from hev_can_emu.plant import driveline, powertrain
 from hev_can_emu.plant.assembly import Start, build_plant, driveline_structure, start_state
+from hev_can_emu.plant.events import EVENT
 from hev_can_emu.runtime import tick
 from hev_can_emu.runtime.setup import PROTECTION_MODES, Setup, load_car, network_files
 from hev_can_emu.runtime.tick import TICK_NS, Constants, State, make_world, run_world
@@ -387,7 +388,7 @@ def _allocate(
     state = State(
         **views,
         frames_out=make_frames(FRAMES_OUT),
-        events=np.zeros(EVENTS, dtype=driveline.EVENT),
+        events=np.zeros(EVENTS, dtype=EVENT),
         result=np.zeros(4, dtype=np.int64),
     )
     state.origin[:] = origin

@@ -27,6 +27,7 @@ from hev_can_emu.messages.frame import ERROR, EXTENDED, REMOTE, SENT
 from hev_can_emu.messages.protection import Protection
 from hev_can_emu.messages.restbus import Restbus
 from hev_can_emu.messages.transfer import receive, transmit
+from hev_can_emu.plant.events import note
 from hev_can_emu.plant.powertrain import Y_SYNC_PHASE, Plant, plant_step
 
 Array = npt.NDArray[np.float64]
@@ -105,17 +106,6 @@ class State(NamedTuple):
     frames_out: Frames
     events: Frames
     result: Integers
-
-
-@inner_kernel
-def _note(events: Frames, n_events: int, t_ns: int, kind: int, index: int, value: float) -> int:
-    if n_events < events.shape[0]:
-        events[n_events]["t_ns"] = t_ns
-        events[n_events]["kind"] = kind
-        events[n_events]["index"] = index
-        events[n_events]["value"] = value
-        return n_events + 1
-    return n_events
 
 
 @inner_kernel
@@ -233,7 +223,7 @@ def run_ticks(
                 elif state.origin[message] in (ORIGIN_UNIT, ORIGIN_PLAYED):
                     # Somebody else sends what is ours: told, never obeyed.
                     if state.scalars[CONFLICTS] == 0:
-                        n_events = _note(events, n_events, t_ns, CONFLICT, message, 0.0)
+                        n_events = note(events, n_events, t_ns, CONFLICT, message, 0.0)
                     state.scalars[CONFLICTS] += 1
                 else:
                     _take_frame(constants, state, frames_in, taken, state.accept, t_ns)
@@ -259,7 +249,7 @@ def run_ticks(
         mode = int(state.statuses[ports.S_DRIVING_MODE])
         if mode != state.scalars[LAST_MODE]:
             state.scalars[LAST_MODE] = mode
-            n_events = _note(events, n_events, t_ns, MODE_CHANGED, mode, 0.0)
+            n_events = note(events, n_events, t_ns, MODE_CHANGED, mode, 0.0)
         _power_nodes(constants, state, t_ns)
         _fill_values(constants, state)
 
@@ -285,7 +275,7 @@ def run_ticks(
             state.work, t_ns, events, n_events,
         )  # fmt: skip
         if state.truth[Y_SYNC_PHASE] != phase:
-            n_events = _note(
+            n_events = note(
                 events, n_events, t_ns + TICK_NS, SYNC_CHANGED, 0, state.truth[Y_SYNC_PHASE]
             )
         state.scalars[TICKS] += 1

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from hev_can_emu.plant.bank import Bank, build_bank
-from hev_can_emu.plant.driveline import EVENT, N_INTEGERS
+from hev_can_emu.plant.driveline import N_INTEGERS
+from hev_can_emu.plant.events import EVENT
 from hev_can_emu.plant.structure import Structure
 
 

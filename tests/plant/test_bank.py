@@ -8,6 +8,7 @@ from scipy import linalg
 
 from hev_can_emu.plant import driveline
 from hev_can_emu.plant.bank import Bank, build_bank
+from hev_can_emu.plant.events import EVENT
 from hev_can_emu.plant.linear import modes, state_space
 from hev_can_emu.plant.reduction import reduced
 from hev_can_emu.plant.structure import CONFIGURATIONS, Structure, configuration_at, full_order
@@ -99,7 +100,7 @@ def test_a_kick_rings_at_the_first_mode(car: tuple[Structure, Bank], name: str) 
     x[structure.n :] = structure.incidence[list(structure.independent)] @ shape
     u, static = np.zeros(10), np.full(6, np.inf)
     kinetic, lost = np.zeros(6), np.zeros(1)
-    events = np.zeros(4, dtype=driveline.EVENT)
+    events = np.zeros(4, dtype=EVENT)
     trace = []
     watched = int(np.abs(x[structure.n :]).argmax())
     for k in range(2000):

@@ -7,8 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from hev_can_emu.plant import driveline, powertrain
+from hev_can_emu.plant import powertrain
 from hev_can_emu.plant.assembly import Start, build_plant, driveline_structure, start_state
+from hev_can_emu.plant.events import EVENT
 from hev_can_emu.plant.machines import Machines
 from hev_can_emu.plant.vehicle import DrivelineParameters
 
@@ -31,7 +32,7 @@ class Car:
             self.u[powertrain.COMMANDS.index(name)] = np.nan
         self.u[powertrain.U_CONTACTOR] = 1.0
         self.work = np.zeros(powertrain.WORK)
-        self.events = np.zeros(4096, dtype=driveline.EVENT)
+        self.events = np.zeros(4096, dtype=EVENT)
         self.n_events = 0
         self.ticks = 0
 
