@@ -6,6 +6,7 @@ import argparse
 import importlib
 import sys
 from collections.abc import Sequence
+from typing import NoReturn
 
 from hev_can_emu.errors import HevError
 
@@ -25,7 +26,7 @@ COMMANDS: tuple[tuple[str, str, str], ...] = (
 
 def build_parser(argv: Sequence[str]) -> argparse.ArgumentParser:
     """Return the parser; only the command named in ``argv`` is imported and given its arguments."""
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="hev-can-emu",
         description="A series-parallel hybrid car on a CAN bus.",
         epilog="Exit codes: 0 pass, 1 fail, 2 unusable input, 3 inconclusive.",
@@ -40,6 +41,15 @@ def build_parser(argv: Sequence[str]) -> argparse.ArgumentParser:
             implementation.add_arguments(sub)
             sub.set_defaults(execute=implementation.execute)
     return parser
+
+
+class _Parser(argparse.ArgumentParser):
+    """Tells what is wrong in one line, as all other errors are told."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print the line and end with the exit code for unusable input."""
+        text = message.removeprefix("argument ")
+        self.exit(EXIT_UNUSABLE, f"hev-can-emu: {text}; see {self.prog} --help\n")
 
 
 class _ShowVersion(argparse.Action):

@@ -80,13 +80,14 @@ def seconds(text: str) -> float:
     """Read a time in seconds for argparse: a number, or a number with a unit of time."""
     from hev_can_emu.units import parse_quantity
 
+    wrong = argparse.ArgumentTypeError(f"expected a time such as 10 or '10 s', got '{text}'")
     try:
         value = float(text)
     except ValueError:
         try:
             value = parse_quantity(text, "--duration", "s").si_value
         except InputError as error:
-            raise argparse.ArgumentTypeError(str(error)) from error
+            raise wrong from error
     if not 0.0 < value < 1e7:
         raise argparse.ArgumentTypeError(f"expected a time above 0 s, got '{text}'")
     return value

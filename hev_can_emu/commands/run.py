@@ -48,9 +48,12 @@ def execute(arguments: argparse.Namespace) -> int:
     from hev_can_emu.bus.open import open_bus
     from hev_can_emu.commands._compiling import ready_emulator
     from hev_can_emu.runtime.service import Service
-    from hev_can_emu.telemetry.recorder import open_recorder
+    from hev_can_emu.telemetry.recorder import check_path, open_recorder
 
-    open_bus(arguments.bus, time.monotonic_ns)  # a name that cannot be a bus is told at once
+    # What can be told at once is told before anything is compiled or written.
+    open_bus(arguments.bus, time.monotonic_ns)
+    for path in arguments.record:
+        check_path(path)
     emulator = ready_emulator(setup)  # compiled before the clock starts
     epoch_ns = time.time_ns()
     recorders = [open_recorder(path, epoch_ns=epoch_ns) for path in arguments.record]
@@ -69,7 +72,8 @@ def execute(arguments: argparse.Namespace) -> int:
         try:
             await service.run()
         finally:
-            service.tell()
+            if service.opened:
+                service.tell()
             for recorder in recorders:
                 await asyncio.to_thread(recorder.close)
         return service

@@ -48,10 +48,13 @@ def execute(arguments: argparse.Namespace) -> int:
             "--bus", "no bus with --clock virtual", f"'{arguments.bus}'", "use --clock wall"
         )
 
+    from hev_can_emu.bus.open import open_bus
     from hev_can_emu.commands._result import make_folder, print_result
     from hev_can_emu.runtime.setup import find_shipped
 
     paths = [find_shipped(name, "scenarios", ".yaml", "scenario run") for name in arguments.files]
+    if arguments.bus is not None:
+        open_bus(arguments.bus, time.monotonic_ns)  # a name that cannot be a bus is told at once
     out = make_folder(arguments.out)
     # Every file is read and checked before the first one runs.
     prepared = [_prepare(arguments, path) for path in paths]
@@ -92,7 +95,8 @@ def _run(playing: Playing, bus: str | None, out: Path | None, stem: str, no_plot
     from hev_can_emu.telemetry.recorder import open_recorder
 
     emulator, player = playing.emulator, playing.player
-    epoch_ns = time.time_ns()
+    # Virtual time has no date: its recordings start at zero, and repeat to the byte.
+    epoch_ns = 0 if bus is None else time.time_ns()
     recorders: list[Recorder] = []
     log: SignalLog | None = None
     if out is not None:

@@ -59,6 +59,7 @@ class Service:
         self.emulator = emulator
         self.statistics = Statistics()
         self.interrupted = False
+        self.opened = False
         self._sinks = sinks
         self._playing = playing
         self._duration_ns = duration_ns
@@ -89,6 +90,7 @@ class Service:
             gc.freeze()
             undo.callback(gc.unfreeze)
             async with self.bus:
+                self.opened = True
                 if self._on_ready is not None:
                     self._on_ready(self.bus)
                 async with asyncio.TaskGroup() as tasks:

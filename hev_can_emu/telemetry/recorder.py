@@ -63,6 +63,15 @@ def open_recorder(path: str | Path, *, epoch_ns: int = 0, channel: str = CHANNEL
 
     Raises InputError if the ending is unknown or the file cannot be created.
     """
+    path = check_path(path)
+    try:
+        return Recorder(path, FORMATS[path.suffix.lower()](path, epoch_ns, channel))
+    except OSError as error:
+        raise InputError(f"--record {path}", "a writable file", f"{error.strerror}") from error
+
+
+def check_path(path: str | Path) -> Path:
+    """Return the path if a recording could go there; raises InputError.  Touches nothing."""
     path = Path(path)
     ending = path.suffix.lower()
     if ending not in FORMATS:
@@ -73,10 +82,7 @@ def open_recorder(path: str | Path, *, epoch_ns: int = 0, channel: str = CHANNEL
     if not path.parent.is_dir():
         hint = f"mkdir -p '{path.parent}'"
         raise InputError(f"--record {path}", "an existing folder", f"'{path.parent}'", hint)
-    try:
-        return Recorder(path, FORMATS[ending](path, epoch_ns, channel))
-    except OSError as error:
-        raise InputError(f"--record {path}", "a writable file", f"{error.strerror}") from error
+    return path
 
 
 class Recorder:
