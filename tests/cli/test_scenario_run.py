@@ -1,0 +1,120 @@
+"""``scenario run``: verdicts by exit code, results in files, the same bytes every time."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import can
+import pytest
+
+from hev_can_emu.cli import main
+
+COMMAND = Path(sys.executable).parent / "hev-can-emu"
+SHORT = """\
+version: 1
+name: a short pull
+duration: 400 ms
+steps:
+- name: pull
+  at: 100 ms
+  set: {ContactorRequest: Closed, EM2ControlMode: Torque, EM2TorqueRequest: 100 Nm}
+expectations:
+- {name: pulls, becomes: EM2Torque > 90 Nm, from: step pull, within: 250 ms}
+"""
+
+
+def printed(*arguments: str | Path, code: int = 0) -> str:
+    """Run the command as a process of its own and return what it printed."""
+    done = subprocess.run(
+        [COMMAND, "scenario", "run", *arguments],
+        capture_output=True,
+        text=True,
+        timeout=400,
+        check=False,
+    )
+    assert done.returncode == code, done.stdout + done.stderr
+    assert "Traceback" not in done.stderr
+    return done.stdout
+
+
+def files(folder: Path, endings: Sequence[str]) -> list[bytes]:
+    return [(folder / f"series_parallel{ending}").read_bytes() for ending in endings]
+
+
+def frames_of(path: Path) -> list[tuple[int, int, bytes]]:
+    with can.LogReader(path) as reader:
+        return [(round(f.timestamp * 1e3), f.arbitration_id, bytes(f.data)) for f in reader]
+
+
+def test_the_shipped_scenario_passes_and_repeats_to_the_byte(tmp_path: Path) -> None:
+    runs = [printed("series_parallel", "--out", tmp_path / name) for name in ("a", "b")]
+    traces = [line for run in runs for line in run.splitlines() if line.startswith("trace ")]
+    assert len(traces) == 2
+    assert traces[0] == traces[1]
+    assert "PASS" in runs[0]
+    # A BLF's blocks end where the writer was woken; its frames are the same.
+    endings = (".log", ".json", ".png")
+    assert files(tmp_path / "a", endings) == files(tmp_path / "b", endings)
+    log = frames_of(tmp_path / "a" / "series_parallel.log")
+    for name in ("a", "b"):
+        assert frames_of(tmp_path / name / "series_parallel.blf") == log
+    # 2120 frames/s with all nodes, for 26 s
+    assert len(log) == pytest.approx(2120 * 26, rel=0.01)
+    verdicts = json.loads((tmp_path / "a" / "series_parallel.json").read_text())
+    assert verdicts["outcome"] == "pass"
+    assert traces[0] == f"trace {verdicts['trace']}"
+
+
+def test_the_reduced_model_passes_it_too_with_another_trace() -> None:
+    assert "PASS" in (reduced := printed("series_parallel", "--model", "4dof"))
+    full = printed("series_parallel")
+    assert reduced.splitlines()[-1] != full.splitlines()[-1]
+
+
+@pytest.fixture
+def short(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "short.yaml"
+    path.write_text(SHORT)
+    return path
+
+
+def test_an_expectation_that_fails_gives_1(short: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["scenario", "run", str(short)]) == 0
+    assert "a short pull: PASS" in capsys.readouterr().out
+    short.write_text(SHORT.replace("> 90 Nm", "> 110 Nm"))
+    assert main(["scenario", "run", str(short)]) == 1
+    out = capsys.readouterr().out
+    assert "a short pull: FAIL" in out
+    assert "1 fail" in out
+
+
+def test_a_window_that_stays_open_gives_3(short: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    short.write_text(SHORT.replace("250 ms", "350 ms").replace("> 90", "> 110"))
+    assert main(["scenario", "run", str(short)]) == 3
+    assert "INCONCLUSIVE" in capsys.readouterr().out
+
+
+def test_the_worst_of_several_counts(short: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bad = short.with_name("bad.yaml")
+    bad.write_text(SHORT.replace("> 90 Nm", "> 110 Nm"))
+    assert main(["scenario", "run", str(bad), str(short), "--out", "results"]) == 1
+    capsys.readouterr()
+    made = {path.name for path in Path("results").iterdir()}
+    assert made == {f"{n}{e}" for n in ("bad", "short") for e in (".blf", ".log", ".json", ".png")}
+
+
+@pytest.mark.realtime
+def test_in_wall_time_it_is_judged_alike_and_leaves_the_same_kinds_of_files(
+    short: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["scenario", "run", str(short), "--bus", "loopback", "--out", "results"]) == 0
+    out, err = capsys.readouterr()
+    assert "a short pull: PASS" in out
+    assert "400 ticks" in err or "401 ticks" in err
+    assert "\r" not in err  # no bar where there is no terminal
+    assert len(list(Path("results").iterdir())) == 4
