@@ -240,6 +240,9 @@ class Emulator:
 
         Returns:
             FRAME records, valid until the next call where one buffer held them all.
+
+        Raises:
+            ValueError: frames later than the last tick; they belong to the next call.
         """
         ticks = -(-(until_ns - self.now_ns) // TICK_NS)
         given = self._none if frames is None else frames
@@ -255,6 +258,8 @@ class Emulator:
             if ticks <= 0:
                 break
             parts.append(self.state.frames_out[:sent].copy())
+        if taken < count:
+            raise ValueError(f"{count - taken} frames later than the last tick")
         if not parts:
             return self.state.frames_out[:sent]
         return np.concatenate([*parts, self.state.frames_out[:sent]])

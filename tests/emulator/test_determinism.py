@@ -136,6 +136,15 @@ def test_what_is_sent_at_a_tick_knows_the_request_but_not_yet_its_effect() -> No
     assert torque[-1] == 0.0
 
 
+def test_a_frame_later_than_the_last_tick_is_never_lost_in_silence() -> None:
+    frames = make_frames(1)
+    frames[0]["t_ns"] = 10 * MS - 999_999  # the tick at 9 ms is the last before 10 ms
+    with pytest.raises(ValueError, match="1 frames later"):
+        build(CAR).advance(10 * MS, frames, 1)
+    frames[0]["t_ns"] = 9 * MS
+    build(CAR).advance(10 * MS, frames, 1)
+
+
 def test_of_two_frames_in_a_tick_the_later_one_counts() -> None:
     bench = Bench(CAR).run(300)
     frames = make_frames(2)
