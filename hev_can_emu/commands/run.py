@@ -117,10 +117,10 @@ class StatusLine:
         rpm = 30.0 / 3.141592653589793
         mode = _MODES[round(self._emulator.state.statuses[_mode_port()])]
         self._line.show(
-            f"{self._emulator.now_ns * 1e-9:8.1f} s  {mode:16s} "
-            f"{truth('vehicle_speed') * 3.6:6.1f} km/h  engine {truth('engine_speed') * rpm:5.0f} rpm  "
-            f"EM1 {truth('em1_speed') * rpm:6.0f}  EM2 {truth('em2_speed') * rpm:6.0f}  "
-            f"tx {statistics.sent} rx {statistics.received}  overruns {statistics.overruns}"
+            f"{self._emulator.now_ns * 1e-9:7.1f} s {mode:16s}{truth('vehicle_speed') * 3.6:6.1f} km/h"
+            f"  rpm: engine{truth('engine_speed') * rpm:5.0f} EM1{truth('em1_speed') * rpm:6.0f}"
+            f" EM2{truth('em2_speed') * rpm:6.0f}"
+            f"  overruns {statistics.overruns} tx {statistics.sent} rx {statistics.received}"
         )
 
     def event(self, event: Event) -> None:

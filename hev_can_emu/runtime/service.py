@@ -3,7 +3,8 @@
 One grid of absolute 1 ms deadlines; at each, frames are drained from the bus, one compiled call advances
 the car, and what is due is handed to the bus's own sender.  A tick that starts a whole period or more after
 its deadline is an *overrun*: it is counted, made up for at once (all missed ticks in one call, so no
-cyclic message is lost), and the grid stays.  A stall of more than a second (suspended machine) is not made
+cyclic message is lost), and the grid stays.  What arrived while this process was held up counts as having come at the
+first of the missed ticks, so that a busy host does not look like a lost request.  A stall of more than a second (suspended machine) is not made
 up for: car time stands still meanwhile, and the jump is counted.
 """
 
@@ -29,6 +30,7 @@ from hev_can_emu.runtime.virtual import FrameSink
 
 RECEIVE_FRAMES = 8192
 STALL_NS = 1_000_000_000
+LATE_TICKS = 3  #: from here on a late loop reads its sockets before it catches up
 
 
 class Service:
@@ -121,6 +123,13 @@ class Service:
         """Do every tick whose deadline has passed."""
         if self._stop.is_set():
             return
+        late = self._now_ns() - self.emulator.now_ns >= LATE_TICKS * TICK_NS
+        if late and not self._postponed:
+            # This loop was held up, so frames that came meanwhile still lie in the sockets.  They are
+            # read first, or the ticks made up for would miss requests that were sent in time.
+            self._postponed = True
+            asyncio.get_running_loop().call_soon(self._due)
+            return
         try:
             self._catch_up()
         except Exception as error:  # noqa: BLE001 - carried to run(), which raises it
@@ -145,7 +154,10 @@ class Service:
             behind -= lost
         missed = behind // TICK_NS
         statistics.overruns += missed
-        last = emulator.now_ns + missed * TICK_NS
+        begin = emulator.now_ns
+        last = begin + missed * TICK_NS
+        if self._duration_ns is not None:
+            last = max(begin, min(last, self._duration_ns - TICK_NS))
         count = self._receive(now)
         if self._playing is None:
             taken = self._advance(last, 0, count)
@@ -158,9 +170,10 @@ class Service:
         self._waiting = count - taken
         if taken and self._waiting:
             self._received[: self._waiting] = self._received[taken:count].copy()
-        statistics.ticks += missed + 1
-        late = self._now_ns() - last
-        for tick in range(missed + 1):
+        done = (emulator.now_ns - begin) // TICK_NS
+        statistics.ticks += done
+        late = self._now_ns() - emulator.now_ns + TICK_NS
+        for tick in range(done):
             statistics.lateness.add(late + tick * TICK_NS)
         over = self._duration_ns is not None and emulator.now_ns >= self._duration_ns
         if over or (self._playing is not None and self._playing.finished):
@@ -176,6 +189,10 @@ class Service:
             # The car's time was set back after a stamp was given: at the start, after a stall.
             stamps = self._received["t_ns"][:count]
             np.minimum(stamps, now_ns, out=stamps)
+            if self._postponed:
+                # When they came is not known any more: at the first of the ticks to be made up for.
+                np.minimum(stamps, self.emulator.now_ns, out=stamps)
+        self._postponed = False
         return count
 
     def _advance(self, last_ns: int, first: int, count: int) -> int:

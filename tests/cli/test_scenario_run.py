@@ -94,7 +94,9 @@ def test_an_expectation_that_fails_gives_1(short: Path, capsys: pytest.CaptureFi
 
 
 def test_a_window_that_stays_open_gives_3(short: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    short.write_text(SHORT.replace("250 ms", "350 ms").replace("> 90", "> 110"))
+    waiting = "when: EM2Speed < 1 rpm\n  held: 100 ms\n  timeout: 300 ms"
+    late = SHORT.replace("at: 100 ms", waiting).replace("250 ms", "350 ms")
+    short.write_text(late.replace("> 90", "> 110"))
     assert main(["scenario", "run", str(short)]) == 3
     assert "INCONCLUSIVE" in capsys.readouterr().out
 

@@ -230,4 +230,14 @@ def log_of(path: Path) -> list[can.Message]:
         return list(reader)
 
 
-__all__ = ["COMMAND", "DATABASE", "LIMIT_S", "Emulator", "Node", "emulator", "log_of", "node"]
+__all__ = [
+    "COMMAND",
+    "DATABASE",
+    "LIMIT_S",
+    "START_S",
+    "Emulator",
+    "Node",
+    "emulator",
+    "log_of",
+    "node",
+]
