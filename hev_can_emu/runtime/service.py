@@ -3,9 +3,11 @@
 One grid of absolute 1 ms deadlines; at each, frames are drained from the bus, one compiled call advances
 the car, and what is due is handed to the bus's own sender.  A tick that starts a whole period or more after
 its deadline is an *overrun*: it is counted, made up for at once (all missed ticks in one call, so no
-cyclic message is lost), and the grid stays.  What arrived while this process was held up counts as having come at the
-first of the missed ticks, so that a busy host does not look like a lost request.  A stall of more than a second (suspended machine) is not made
-up for: car time stands still meanwhile, and the jump is counted.
+cyclic message is lost), and the grid stays.  What arrived while this process was held up counts as having
+come at the first of the missed ticks, so that a busy host does not look like a lost request.  A stall of
+more than a second (suspended machine) is not made
+up for: car time stands still meanwhile, and the jump
+is counted.
 """
 
 from __future__ import annotations
@@ -72,6 +74,8 @@ class Service:
         self.bus = make_bus(self._now_ns)
         self._received = make_frames(RECEIVE_FRAMES)
         self._waiting = 0  # frames in it that came after the last tick's deadline
+        self._postponed = False  # a late tick waits until the sockets have been read
+        self._postponed = False
         self._stop = asyncio.Event()
         self._failure: Exception | None = None
 
