@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterable
 from typing import NamedTuple
 
@@ -290,13 +291,21 @@ class Emulator:
 
     def snapshot(self) -> bytes:
         """Return the whole state."""
-        return self._buffer.tobytes()
+        return self._fingerprint() + self._buffer.tobytes()
+
+    def _fingerprint(self) -> bytes:
+        """Return 16 bytes that tell emulators apart whose states do not mean the same."""
+        setup = self.setup
+        files = (setup.vehicle, setup.model, setup.reduction, setup.dbc, setup.bindings)
+        kind = (*files, setup.protection, sorted(setup.nodes.items()))
+        return hashlib.sha256(repr(kind).encode()).digest()[:16]
 
     def restore(self, snapshot: bytes) -> None:
         """Go back to a snapshot of this emulator; raises ValueError for another's."""
-        if len(snapshot) != self._buffer.size:
-            raise ValueError("snapshot of another emulator: its size differs")
-        self._buffer[:] = np.frombuffer(snapshot, dtype=np.uint8)
+        mark = self._fingerprint()
+        if snapshot[: len(mark)] != mark or len(snapshot) != len(mark) + self._buffer.size:
+            raise ValueError("snapshot of another emulator: car, network or owners differ")
+        self._buffer[:] = np.frombuffer(snapshot, dtype=np.uint8, offset=len(mark))
 
     def _translate(self, record: np.void) -> Event:
         kind, index, value = int(record["kind"]), int(record["index"]), float(record["value"])

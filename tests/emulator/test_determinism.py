@@ -90,9 +90,13 @@ def test_a_snapshot_goes_on_as_the_run_did(at: int) -> None:
     assert play(other, frames, [3000], at) == rest
 
 
-def test_a_snapshot_of_another_network_is_refused() -> None:
+@pytest.mark.parametrize(
+    "other", [Setup(model="4dof"), Setup(model="16dof", nodes={"MCU2": "external"})]
+)
+def test_a_snapshot_of_another_emulator_is_refused(other: Setup) -> None:
     with pytest.raises(ValueError, match="another emulator"):
-        build(CAR).restore(build(Setup(model="4dof")).snapshot())
+        build(CAR).restore(build(other).snapshot())
+    build(Setup(model="16dof", start="off")).restore(build(CAR).snapshot())
 
 
 def echo_times(bench: Bench, t_ns: int) -> list[tuple[float, float]]:

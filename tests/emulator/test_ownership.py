@@ -215,6 +215,15 @@ def test_the_emulator_can_play_the_controller_itself() -> None:
     assert bench.database.message("HCU_EM2Request").can_id not in bench.frames["id"]
 
 
+def test_a_driver_that_stops_sending_leaves_the_car_as_it_is() -> None:
+    bench = bench_with().ask_and_run(300, EM2TorqueRequest=50.0)
+    bench.emulator.send_message(bench.database.message("VEH_Driver").index, False)
+    bench.run(1000)
+    assert bench["EM2Torque"] == pytest.approx(50.0, abs=0.1)
+    lost = [event.text for event in bench.events if event.kind == "lost"]
+    assert lost == ["VEH_Driver: timed out"]
+
+
 def test_both_units_external_need_no_request() -> None:
     bench = Bench(Setup(model="4dof", nodes={"MCU1": "external", "MCU2": "external"}), IDLE)
     bench.ask_and_run(400, EM1Torque=20.0, EM2Torque=20.0)
