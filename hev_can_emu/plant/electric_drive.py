@@ -194,7 +194,6 @@ def drive_step(
         out: ``(N_OUT,)``: the machine's outputs, setpoint N m and its LIMIT_* code, torque range now, N m,
             and the codes of its ends, energy taken from the DC link J, lost in the inverter J.
     """
-    legs = p[P_INVERTER : P_INVERTER + inverter.N_PARAMETERS]
     h = p[pmsm.P_DT]
     if gates != x[X_GATES]:
         # Control starts anew: integrators empty, a whole period ahead.
@@ -216,24 +215,29 @@ def drive_step(
         v_d = x[X_CONTROL + current_control.X_VD]
         v_q = x[X_CONTROL + current_control.X_VQ]
         pmsm.pmsm_step(p, x, v_d, v_q, speed, resistance, 0.0, out)
+        legs = p[P_INVERTER : P_INVERTER + inverter.N_PARAMETERS]
         square = out[pmsm.OUT_CURRENT] * out[pmsm.OUT_CURRENT]
         loss = h * inverter.switching_loss(legs, out[pmsm.OUT_CURRENT], square, link_voltage)
         out[OUT_INVERTER] = loss
         out[OUT_DC] = out[pmsm.OUT_TERMINAL] + loss
     elif gates == SHORT:
-        pmsm.pmsm_step(p, x, 0.0, 0.0, speed, resistance, legs[inverter.P_DEVICE_RESISTANCE], out)
+        pmsm.pmsm_step(
+            p, x, 0.0, 0.0, speed, resistance, p[P_INVERTER + inverter.P_DEVICE_RESISTANCE], out
+        )
         out[OUT_INVERTER] = out[pmsm.OUT_SERIES]
         out[OUT_DC] = 0.0
     else:
         freewheel.freewheel_step(
-            p, x, max(link_voltage, 0.0), legs[inverter.P_DEVICE_VOLTAGE], speed,
-            resistance, legs[inverter.P_DEVICE_RESISTANCE], out,
+            p, x, max(link_voltage, 0.0), p[P_INVERTER + inverter.P_DEVICE_VOLTAGE], speed,
+            resistance, p[P_INVERTER + inverter.P_DEVICE_RESISTANCE], out,
         )  # fmt: skip
         out[OUT_INVERTER] = out[pmsm.OUT_SERIES] + out[freewheel.OUT_DIODES]
         out[OUT_DC] = -out[freewheel.OUT_LINK]
 
     angle = x[X_ANGLE] + h * p[pmsm.P_POLE_PAIRS] * speed
-    x[X_ANGLE] = angle - _TURN * math.floor(angle / _TURN)
+    if not 0.0 <= angle < _TURN:
+        angle -= _TURN * math.floor(angle / _TURN)
+    x[X_ANGLE] = angle
     out[OUT_SETPOINT] = x[X_SETPOINT]
     out[OUT_REASON] = x[X_REASON]
     out[OUT_TORQUE_MIN] = x[X_LIMITS + torque_map.LIM_TORQUE_MIN] - x[X_DRAG]

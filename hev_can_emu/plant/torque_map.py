@@ -119,7 +119,7 @@ class TorqueMapParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=Tru
         ]
         torques = np.linspace(0.0, peak.torque, N_MTPA)
         mtpa = [_mtpa_for(machine, torque, current) for torque in torques]
-        fluxes = 1.0 / (start + step * np.arange(N_RATIO))
+        fluxes = np.array([1.0 / (start + step * row) for row in range(N_RATIO)])
         greatest = np.array([most_torque(machine, current, flux).torque for flux in fluxes])
         shares = 1.0 - (1.0 - np.arange(N_SHARE) / (N_SHARE - 1)) ** 2
         weakening = weakened(machine, greatest[:, None] * shares, fluxes[:, None])

@@ -11,7 +11,14 @@ import pytest
 from drive_defaults import CONTROL, EM1, EM2
 
 from hev_can_emu.errors import InputError
-from hev_can_emu.plant import current_control, electric_drive, freewheel, inverter, pmsm
+from hev_can_emu.plant import (
+    current_control,
+    electric_drive,
+    freewheel,
+    inverter,
+    pmsm,
+    speed_control,
+)
 from hev_can_emu.plant import torque_source as source
 from hev_can_emu.plant.electric_drive import (
     ACTIVE,
@@ -25,6 +32,7 @@ from hev_can_emu.plant.electric_drive import (
     SHORT,
 )
 from hev_can_emu.plant.pmsm import OUT_TORQUE
+from hev_can_emu.plant.speed_control import SpeedControlParameters
 
 replace = msgspec.structs.replace
 DT = 5e-5
@@ -168,6 +176,29 @@ def test_torque_follows_its_slew_within_the_current_loop(drive):
     lag = np.abs(rows[:, OUT_TORQUE] - rows[:, OUT_SETPOINT])
     assert lag[10:].max() < parameters.slew_rate / CONTROL.bandwidth * 2.0
     assert rows[:, OUT_TORQUE].max() < 100.5
+
+
+@pytest.mark.compiled
+def test_speed_control_runs_an_inertia_up_inside_its_torque_bounds(em2):
+    inertia = 0.5
+    control = SpeedControlParameters(inertia, bandwidth=10.0, damping=1.0, setpoint_weight=0.5)
+    p, x, work = control.pack(DT), np.zeros(speed_control.N_STATE), np.zeros(speed_control.N_OUT)
+    x_drive, out = np.zeros(electric_drive.N_STATE), np.zeros(electric_drive.N_OUT)
+    speed, speeds, bound = 0.0, [], 0
+    for _ in range(60000):
+        speed_control.speed_control_step(
+            p, x, 1.0, 150.0, speed, out[OUT_TORQUE_MIN], min(out[OUT_TORQUE_MAX], 60.0),
+            out[OUT_TORQUE], 0.0, work,
+        )  # fmt: skip
+        request = work[speed_control.OUT_REQUEST]
+        bound += work[speed_control.OUT_AT_BOUND] == 1.0
+        electric_drive.drive_step(em2, x_drive, request, ACTIVE, speed, 350.0, WARM, WARM, out)
+        assert out[OUT_TORQUE] <= 60.5
+        speed += DT * out[OUT_TORQUE] / inertia
+        speeds.append(speed)
+    assert bound > 1000
+    assert speeds[-1] == pytest.approx(150.0, abs=0.1)
+    assert max(speeds) < 152.0
 
 
 def test_a_hot_winding_needs_more_power_for_less_torque(em2):
