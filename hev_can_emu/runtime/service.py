@@ -3,8 +3,8 @@
 One grid of absolute 1 ms deadlines; at each, frames are drained from the bus, one compiled call advances
 the car, and what is due is handed to the bus's own sender.  A tick that starts a whole period or more after
 its deadline is an *overrun*: it is counted, made up for at once (all missed ticks in one call, so no
-cyclic message is lost), and the grid stays.  What arrived while this process was held up counts as having
-come at the first of the missed ticks, so that a busy host does not look like a lost request.  A stall of
+cyclic message is lost), and the grid stays.  What arrived while this process was held up is spread
+over the missed ticks, so that a busy host does not look like a lost request.  A stall of
 more than a second (suspended machine) is not made
 up for: car time stands still meanwhile, and the jump
 is counted.
@@ -194,8 +194,9 @@ class Service:
             stamps = self._received["t_ns"][:count]
             np.minimum(stamps, now_ns, out=stamps)
             if self._postponed:
-                # When they came is not known any more: at the first of the ticks to be made up for.
-                np.minimum(stamps, self.emulator.now_ns, out=stamps)
+                # When they came is not known any more: spread over the ticks to be made up for.
+                first = self.emulator.now_ns
+                stamps[waiting:] = np.linspace(first, now_ns, count - waiting, endpoint=False)
         self._postponed = False
         return count
 
