@@ -224,7 +224,8 @@ def hydraulics_step(
 
     w_supply = x[X_SUPPLY]
     old_supply = supply_pressure(p, w_supply)
-    old0, old1, old2 = x[X_CLUTCH] / c0, x[X_SHIFT1] / c1, x[X_SHIFT2] / c2
+    rate0, rate1, rate2 = 1.0 / c0, 1.0 / c1, 1.0 / c2
+    old0, old1, old2 = x[X_CLUTCH] * rate0, x[X_SHIFT1] * rate1, x[X_SHIFT2] * rate2
     piston = x[X_PISTON]
     travel = sleeve_position - x[X_SLEEVE]
     delivery = p[P_PUMP_DISPLACEMENT] * speed
@@ -297,8 +298,8 @@ def hydraulics_step(
     x[X_SLEEVE] = sleeve_position
     # Clutch chamber and piston once more, for the volume that really came: exact in every piece.
     content0 = x[X_CLUTCH] + area * piston + (in0 - back0)
-    stiffness = loose + area * area / c0
-    free = unloaded + area * content0 / c0
+    stiffness = loose + area * area * rate0
+    free = unloaded + area * content0 * rate0
     position = free / stiffness
     if position > p[P_KISS]:
         position = (free + p[P_PACK] * p[P_KISS]) / (stiffness + p[P_PACK])
@@ -307,7 +308,8 @@ def hydraulics_step(
     x[X_PISTON] = position
 
     supply = supply_pressure(p, x[X_SUPPLY])
-    pressure0, pressure1, pressure2 = x[X_CLUTCH] / c0, x[X_SHIFT1] / c1, x[X_SHIFT2] / c2
+    pressure0, pressure1 = x[X_CLUTCH] * rate0, x[X_SHIFT1] * rate1
+    pressure2 = x[X_SHIFT2] * rate2
     squeeze = max(position - p[P_KISS], 0.0)
     force = area1 * pressure1 - area2 * pressure2
     out[OUT_SUPPLY], out[OUT_CLUTCH] = supply, pressure0

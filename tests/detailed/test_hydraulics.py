@@ -6,6 +6,7 @@ import hydraulics_defaults as defaults
 import msgspec
 import numpy as np
 import pytest
+import scipy.integrate
 
 from hev_can_emu.errors import InputError
 from hev_can_emu.plant import hydraulic_parameters as parameters
@@ -219,6 +220,71 @@ def test_order_of_convergence_is_one():
     assert np.all(ratio[rigid] > 1.8)
     # At 50 us the pressures are good to about half a percent of the supply's.
     assert np.all(2.0 * coarse[:4] < 0.005 * 5e6)
+
+
+def reference(times, first, then, at):
+    """Clutch chamber, piston and spool under a constant supply by SciPy's Radau, from first principles."""
+    valve, clutch, oil = H.clutch_valve, H.clutch, H.oil
+    full = 0.65 * valve.area * math.sqrt(2.0 / 840.0) / (1.0 + valve.underlap)
+    wn = valve.natural_frequency
+
+    def edge(share, drop):
+        return full * max(share, 0.0) * drop / (drop * drop + oil.laminar_pressure**2) ** 0.25
+
+    def rates(_, y, target, held):
+        pressure, travel, spool, velocity = y
+        pack = clutch.pack * max(travel - clutch.kiss_travel, 0.0)
+        spring = clutch.preload + clutch.spring * travel
+        speed = (clutch.area * pressure - spring - pack) / clutch.seal_damping
+        if held:
+            speed = 0.0
+        drop = 5e6 - pressure
+        flow = edge(spool + valve.underlap, drop) + valve.leak * (drop - pressure)
+        flow -= edge(valve.underlap - spool, pressure)
+        rise = (flow - clutch.area * speed) * oil.bulk_modulus / clutch.volume
+        return (
+            rise,
+            speed,
+            velocity,
+            wn * wn * (target - spool) - 2.0 * valve.damping * wn * velocity,
+        )
+
+    def lifts(_, y, *__):
+        return clutch.area * y[0] - clutch.preload
+
+    lifts.terminal = True
+    y, start = np.array([0.0, 0.0, -1.0, 0.0]), 0.0
+    found = []
+    for target, held, end in ((first, True, at), (first, False, at), (then, False, times[-1])):
+        inside = times[(times > start) & (times <= end)]
+        solution = scipy.integrate.solve_ivp(
+            rates, (start, end), y, "Radau", inside, args=(target, held), rtol=1e-8,
+            atol=[1.0, 1e-10, 1e-8, 1e-6], events=lifts if held else None,
+        )  # fmt: skip
+        if held:
+            start, y = solution.t_events[0][0], solution.y_events[0][0]
+            found.append(solution.y.T)
+        else:
+            start, y = end, solution.y[:, -1]
+            found.append(solution.y.T)
+    return np.concatenate(found)
+
+
+def test_fill_press_and_relax_agree_with_radau():
+    times = np.arange(1, 36) * 2e-3
+    expected = reference(times, 0.95, 0.005, 0.032)
+    circuit = Circuit(with_("supply", accumulator_compliance=1e-3), dt=2.5e-5)
+    found = []
+    for _ in times:
+        for _ in range(80):
+            first = len(found) < 16
+            circuit.step(CENTRE * (1.95 if first else 1.005))
+        found.append((circuit.out[h.OUT_CLUTCH], circuit.out[h.OUT_PISTON], circuit.x[h.X_SPOOL]))
+    found = np.array(found)
+    assert expected[:, 1].max() > H.clutch.kiss_travel
+    assert np.abs(found[:, 2] - expected[:, 2]).max() < 1e-6
+    assert np.abs(found[:, 1] - expected[:, 1]).max() < 0.001 * H.clutch.kiss_travel
+    assert np.abs(found[:, 0] - expected[:, 0]).max() < 0.004 * expected[:, 0].max()
 
 
 def test_stiff_chambers_neither_overshoot_nor_ring():
