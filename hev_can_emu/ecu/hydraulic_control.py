@@ -263,7 +263,9 @@ def _clutch(
             error = target - pressure
             proportional = p[P_FLOW_PER_PRESSURE] * error
             demand = proportional + x[X_INTEGRAL]
-            if not touching:
+            if error <= 0.0:
+                x[X_VOLUME] = p[P_FILL_VOLUME]  # as full as this aim needs it
+            elif not touching:
                 demand = max(demand, (p[P_FILL_VOLUME] - coming) * p[P_TOUCH_RATE])
             wanted = holding_spool(underlap, target, supply)
             wanted += _spool_for_flow(p, valve, demand, supply, pressure)

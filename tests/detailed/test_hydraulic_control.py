@@ -93,6 +93,22 @@ def test_capacity_steps_in_contact_settle_faster_both_ways():
     assert min(bench.capacity) >= 0.9 * 100.0
 
 
+@pytest.mark.parametrize("aim", [2.0, 5.0, 10.0])
+def test_capacity_near_the_kiss_point_is_held_too(aim):
+    bench = Bench().run(300, aim)
+    assert settling(bench.capacity, aim, 0.1) <= 90
+    assert max(bench.capacity) <= aim + 2.0
+    assert bench.capacity[-1] == pytest.approx(aim, rel=0.03)
+
+
+def test_capacity_follows_a_ramp_with_a_small_lag():
+    bench = Bench()
+    aims = np.minimum(np.arange(700) / 500.0, 1.0) * 100.0
+    for aim in aims:
+        bench.tick(aim)
+    assert np.abs(np.array(bench.capacity) - aims)[100:].max() < 2.0  # 10 ms of the ramp
+
+
 def test_release_is_quick_and_complete_and_the_next_fill_knows_what_is_left():
     bench = Bench().run(300, 100.0)
     bench.capacity.clear()
