@@ -387,6 +387,7 @@ def _allocate(
         "muted": (u1, (messages,)),
         "enabled": (u1, (messages,)),
         "accept": (u1, (messages,)),
+        "told": (u1, (messages,)),
         "pending": (FRAME, (max(messages, 1),)),
     }
     sizes = {

@@ -74,6 +74,7 @@ class State(NamedTuple):
     """What a run changes; all arrays but the results are views of one buffer.
 
     ``origin``: uint8 (messages), ORIGIN_*; ``muted``: uint8 (messages), 1 stops a message;
+    ``told``: 1 once a second sender of the message was told of;
     ``values``: signals to send; ``on_bus``: signals as last seen on the bus; ``seen_ns``: when.
     ``frames_out``, ``events`` and ``result`` carry a call's results; they are no part of a snapshot.
     """
@@ -102,6 +103,7 @@ class State(NamedTuple):
     muted: Flags
     enabled: Flags
     accept: Flags
+    told: Flags
     pending: Frames
     frames_out: Frames
     events: Frames
@@ -216,13 +218,14 @@ def run_ticks(
         while taken < n_in and frames_in[taken]["t_ns"] <= t_ns:
             state.scalars[RECEIVED] += 1
             flags = np.int64(frames_in[taken]["flags"])
-            if flags & (REMOTE | ERROR) == 0:
+            if flags & (REMOTE | ERROR | SENT) == 0:
                 message = find_message(codec, frames_in[taken]["id"], flags & EXTENDED)
                 if message < 0:
                     state.scalars[UNKNOWN] += 1
                 elif state.origin[message] in (ORIGIN_UNIT, ORIGIN_PLAYED):
                     # Somebody else sends what is ours: told, never obeyed.
-                    if state.scalars[CONFLICTS] == 0:
+                    if state.told[message] == 0:
+                        state.told[message] = 1
                         n_events = note(events, n_events, t_ns, CONFLICT, message, 0.0)
                     state.scalars[CONFLICTS] += 1
                 else:
