@@ -122,6 +122,12 @@ class Service:
             await self._stop.wait()
         finally:
             grid.stop()
+        if self._failure is None:
+            # What came after the last tick moves the car no more, but it was on the bus.
+            count = self._receive(self._now_ns())
+            self._waiting = 0
+            for sink in self._sinks:
+                sink(self._received, count)
 
     def _due(self) -> None:
         """Do every tick whose deadline has passed."""

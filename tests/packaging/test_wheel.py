@@ -102,7 +102,9 @@ def test_installed_package_is_the_wheel_s_and_finds_its_data(
     [
         ["--help"],
         ["--version"],
-        ["run", "--bus", "virtual:wheel", "--duration", "0.2"],
+        ["run", "--bus", "socketcand:127.0.0.1:0", "--duration", "0.3"],
+        ["scenario", "run", "series_parallel"],
+        ["modes"],
     ],
     ids=" ".join,
 )
