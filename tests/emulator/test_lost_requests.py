@@ -179,7 +179,7 @@ def test_the_engine_falls_to_idle_and_c1_opens() -> None:
     t, setpoint = bench.series("EngineTorqueSetpoint", start)
     lost = min(event.t_ns for event in bench.events if event.kind == "lost") / 1e6
     assert setpoint[(t > start) & (t < lost)].min() > 35.0
-    assert np.abs(setpoint[t >= lost + 90.0]).max() == pytest.approx(0.0, abs=0.2)
+    assert np.abs(setpoint[t >= lost + 90.0]).max() < 1.0  # the idle governor takes over
     t, torque = bench.series("EngineTorque", start)
     assert np.abs(torque[t >= lost + 200.0]).max() < 0.1 * 40.0  # the intake's lag is 50 ms
     t, capacity = bench.series("ClutchTorqueCapacity", start)
