@@ -122,7 +122,7 @@ class Service:
             await self._stop.wait()
         finally:
             grid.stop()
-        if self._failure is None:
+        if self._failure is None and self.bus.lost is None:
             # What came after the last tick moves the car no more, but it was on the bus.
             count = self._receive(self._now_ns())
             self._waiting = 0
