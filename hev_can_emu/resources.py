@@ -9,6 +9,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal, get_args
 
+from hev_can_emu.errors import InputError, did_you_mean
+
 Folder = Literal["dbc", "vehicles", "scenarios"]
 
 _PACKAGE = Path(__file__).resolve().parent
@@ -30,3 +32,19 @@ def folder(name: Folder) -> Path:
     raise FileNotFoundError(
         f"no folder {name!r} at {places[0]} or {places[1]}; reinstall hev-can-emu"
     )
+
+
+def shipped_or_path(name: str, place: Path, option: str) -> Path:
+    """Return ``name`` as a path where it is one, else the shipped YAML file of that name.
+
+    Raises:
+        InputError: neither exists; ``option`` is blamed.
+    """
+    path = Path(name)
+    if path.suffix in (".yaml", ".yml") or len(path.parts) > 1 or path.is_file():
+        return path
+    known = sorted(file.stem for file in place.glob("*.yaml"))
+    if name not in known:
+        hint = did_you_mean(name, known) or f"shipped: {', '.join(known)}"
+        raise InputError(option, "a file, or the name of a shipped one", f"'{name}'", hint)
+    return place / f"{name}.yaml"

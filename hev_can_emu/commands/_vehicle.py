@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from hev_can_emu import config
-from hev_can_emu.errors import InputError, did_you_mean
 from hev_can_emu.plant.vehicle import DrivelineParameters
 from hev_can_emu.plant.vehicle_file import VehicleFile, driveline_parameters
-from hev_can_emu.resources import folder
+from hev_can_emu.resources import folder, shipped_or_path
 
 DEFAULT = "dai2024"
 
@@ -30,22 +29,6 @@ def vehicle_path(name: str) -> Path:
         InputError: neither exists.
     """
     return shipped_or_path(name, folder("vehicles"), "--vehicle")
-
-
-def shipped_or_path(name: str, place: Path, option: str) -> Path:
-    """Return ``name`` as a path where it is one, else the shipped YAML file of that name.
-
-    Raises:
-        InputError: neither exists; ``option`` is blamed.
-    """
-    path = Path(name)
-    if path.suffix in (".yaml", ".yml") or len(path.parts) > 1 or path.is_file():
-        return path
-    known = sorted(file.stem for file in place.glob("*.yaml"))
-    if name not in known:
-        hint = did_you_mean(name, known) or f"shipped: {', '.join(known)}"
-        raise InputError(option, "a file, or the name of a shipped one", f"'{name}'", hint)
-    return place / f"{name}.yaml"
 
 
 def load_vehicle(name: str = DEFAULT) -> Vehicle:

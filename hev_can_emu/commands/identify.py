@@ -50,11 +50,10 @@ def execute(args: argparse.Namespace) -> int:
         InputError: unusable options or targets.
     """
     from hev_can_emu import config
-    from hev_can_emu.commands._vehicle import shipped_or_path
     from hev_can_emu.plant.identification import determinacy
     from hev_can_emu.plant.problem import problem
     from hev_can_emu.plant.targets import TargetsFile
-    from hev_can_emu.resources import folder
+    from hev_can_emu.resources import folder, shipped_or_path
 
     for name, least in (("starts", 1), ("matches", 1), ("jobs", 1), ("seed", 0)):
         value = getattr(args, name)

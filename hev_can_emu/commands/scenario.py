@@ -50,9 +50,9 @@ def execute(arguments: argparse.Namespace) -> int:
 
     from hev_can_emu.bus.open import open_bus
     from hev_can_emu.commands._result import make_folder, print_result
-    from hev_can_emu.runtime.setup import find_shipped
+    from hev_can_emu.resources import folder, shipped_or_path
 
-    paths = [find_shipped(name, "scenarios", ".yaml", "scenario run") for name in arguments.files]
+    paths = [shipped_or_path(name, folder("scenarios"), "scenario run") for name in arguments.files]
     if arguments.bus is not None:
         open_bus(arguments.bus, time.monotonic_ns)  # a name that cannot be a bus is told at once
     out = make_folder(arguments.out)

@@ -15,7 +15,7 @@ from hev_can_emu.plant.machines import Machines
 from hev_can_emu.plant.reduction import REDUCTIONS
 from hev_can_emu.plant.vehicle import DrivelineParameters
 from hev_can_emu.plant.vehicle_file import VehicleFile, driveline_parameters, machine_parameters
-from hev_can_emu.resources import folder
+from hev_can_emu.resources import folder, shipped_or_path
 
 PROTECTION_MODES = ("off", "observe", "enforce")
 OWNERS = ("emulated", "external", "silent")
@@ -67,32 +67,9 @@ def _choose(where: str, value: str, known: tuple[str, ...]) -> None:
         )
 
 
-def find_shipped(name: str, kind: str, suffix: str, where: str) -> Path:
-    """Return ``name`` as a path where it is one, else the shipped file of that name.
-
-    Args:
-        name: path, or name without ending.
-        kind: folder of the shipped files.
-        suffix: their ending.
-        where: what to blame.
-
-    Raises:
-        InputError: neither exists.
-    """
-    path = Path(name)
-    if path.suffix or len(path.parts) > 1 or path.exists():
-        return path
-    place = folder(kind)  # type: ignore[arg-type]
-    known = sorted(file.stem for file in place.glob(f"*{suffix}"))
-    if name not in known:
-        hint = did_you_mean(name, known) or f"shipped: {', '.join(known)}"
-        raise InputError(where, "a file, or the name of a shipped one", f"'{name}'", hint)
-    return place / f"{name}{suffix}"
-
-
 def load_car(name: str) -> tuple[DrivelineParameters, Machines, VehicleFile]:
     """Return a car's parameters, checked; raises InputError."""
-    path = find_shipped(name, "vehicles", ".yaml", "--vehicle")
+    path = shipped_or_path(name, folder("vehicles"), "--vehicle")
     file = config.load(path, VehicleFile)
     return (
         driveline_parameters(file.driveline, str(path)),
