@@ -69,6 +69,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         parsed = parser.parse_args(arguments)
         code: int = parsed.execute(parsed)
+        sys.stdout.flush()
     except HevError as error:
         print(f"hev-can-emu: {error}", file=sys.stderr)
         return EXIT_UNUSABLE
@@ -76,6 +77,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         # The reader (head, less) has gone; what it wanted to see, it saw.
         sys.stderr.close()
         return EXIT_PASS
+    except OSError as error:
+        # What no command expected of the system, such as a full disk behind standard output.
+        print(f"hev-can-emu: {error.filename or 'output'}: {error.strerror}", file=sys.stderr)
+        return EXIT_UNUSABLE
     except KeyboardInterrupt:
         return 130
     return code

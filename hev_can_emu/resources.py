@@ -41,7 +41,7 @@ def shipped_or_path(name: str, place: Path, option: str) -> Path:
         InputError: neither exists; ``option`` is blamed.
     """
     path = Path(name)
-    if path.suffix in (".yaml", ".yml") or len(path.parts) > 1 or path.is_file():
+    if path.suffix in (".yaml", ".yml") or len(path.parts) > 1 or path.exists():
         return path
     known = sorted(file.stem for file in place.glob("*.yaml"))
     if name not in known:

@@ -6,7 +6,8 @@ Light to import: what the options stand for is looked up when a command runs.
 from __future__ import annotations
 
 import argparse
-import os
+import contextlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -103,9 +104,24 @@ def check_output(option: str, path: str) -> Path:
         raise InputError(option, "a file", f"the directory '{path}'")
     if not target.parent.is_dir():
         raise InputError(option, "a file in an existing folder", f"'{path}'")
-    if not os.access(target if target.exists() else target.parent, os.W_OK):
-        raise InputError(option, "a file that can be written", f"'{path}'")
+    existed = target.exists()
+    # Tried, not asked: permissions say little to root, on a full disk or in a special file system.
+    with writing(option, target), target.open("ab"):
+        pass
+    if not existed:
+        target.unlink()
     return target
+
+
+@contextlib.contextmanager
+def writing(option: str, path: Path) -> Iterator[None]:
+    """Turn a failure to write ``path`` into an InputError."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(
+            f"{option} {path}", "a file that can be written", f"{error.strerror}"
+        ) from error
 
 
 def check_plot(path: str) -> Path:

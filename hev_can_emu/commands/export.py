@@ -13,6 +13,7 @@ from hev_can_emu.commands._model import (
     configuration_named,
     reduction_named,
     structure_for,
+    writing,
 )
 
 if TYPE_CHECKING:
@@ -51,10 +52,11 @@ def execute(args: argparse.Namespace) -> int:
         "provenance": vehicle.provenance,
     }
     names = {"state": system.states, "input": system.inputs, "output": system.outputs}
-    if kind == "npz":
-        _write_npz(path, content, names, texts)
-    else:
-        _write_mat(path, content, names, texts)
+    with writing("--out", path):
+        if kind == "npz":
+            _write_npz(path, content, names, texts)
+        else:
+            _write_mat(path, content, names, texts)
     nx, nu, ny = len(system.states), len(system.inputs), len(system.outputs)
     print(f"{path}: {nx} states, {nu} inputs, {ny} outputs; A, B, C, D with names and units")
     print_provenance(vehicle.provenance)

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from hev_can_emu.commands._model import check_output
+from hev_can_emu.commands._model import check_output, writing
 from hev_can_emu.errors import InputError
 
 if TYPE_CHECKING:
@@ -77,7 +77,8 @@ def execute(args: argparse.Namespace) -> int:
         f" on {jobs} {'process' if jobs == 1 else 'processes'}"
     )
     if out is not None:
-        out.write_text(_vehicle(file, posed, best), encoding="utf-8")
+        with writing("--out", out):
+            out.write_text(_vehicle(file, posed, best), encoding="utf-8")
         print(f"{out}: vehicle file; its parameters are {NOT_UNIQUE}")
     if not best.matched:
         print(

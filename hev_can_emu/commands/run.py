@@ -109,6 +109,8 @@ class StatusLine:
             print(f"join from another terminal:  {hint}")
         if "Identified" in emulator.provenance:
             print("parameters: identified, not published; see the vehicle file")
+        if setup.start == "off" and setup.nodes.get("VEH") != "external":
+            print("ignition off: nobody turns it on; use --node VEH=external and send VEH_Driver")
         sys.stdout.flush()
 
     def status(self, statistics: Statistics) -> None:

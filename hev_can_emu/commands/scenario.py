@@ -58,11 +58,12 @@ def execute(arguments: argparse.Namespace) -> int:
     out = make_folder(arguments.out)
     # Every file is read and checked before the first one runs.
     prepared = [_prepare(arguments, path) for path in paths]
-    codes = []
+    codes: list[int] = []
+    used: set[str] = set()
     for path, playing in zip(paths, prepared, strict=True):
         bus = arguments.bus or playing.scenario.bus
         wall = clock == "wall" or (clock is None and bus is not None)
-        stem = re.sub(r"[^A-Za-z0-9_.-]+", "_", path.stem)
+        stem = _stem(path, used)
         result = _run(
             playing, (bus or "socketcand") if wall else None, out, stem, arguments.no_plot
         )
@@ -72,8 +73,29 @@ def execute(arguments: argparse.Namespace) -> int:
     return next((code for code in (2, 1, 3) if code in codes), 0)
 
 
+def _stem(path: Path, used: set[str]) -> str:
+    """Return a name for a run's files that no earlier run of this command has."""
+    base = re.sub(r"[^A-Za-z0-9_.-]+", "_", path.stem)
+    stem, number = base, 1
+    while stem in used:
+        number += 1
+        stem = f"{base}_{number}"
+    used.add(stem)
+    return stem
+
+
+_HEAD = {
+    "--vehicle": "vehicle",
+    "--model": "model",
+    "--start": "start",
+    "--node": "nodes",
+    "--bus": "bus",
+}
+
+
 def _prepare(arguments: argparse.Namespace, path: Path) -> Playing:
     """Read a scenario and build its car; raises InputError."""
+    from hev_can_emu.bus.open import open_bus
     from hev_can_emu.commands._compiling import ready_emulator
     from hev_can_emu.runtime.playing import Playing, read_scenario
 
@@ -85,7 +107,18 @@ def _prepare(arguments: argparse.Namespace, path: Path) -> Playing:
     }
     owners: dict[str, str] = dict.fromkeys(scenario.plays, "emulated")
     owners |= scenario.nodes
-    emulator = ready_emulator(make_setup(arguments, head, owners))
+    try:
+        if arguments.bus is None and scenario.bus is not None:
+            open_bus(scenario.bus, time.monotonic_ns)
+        emulator = ready_emulator(make_setup(arguments, head, owners))
+    except InputError as error:
+        option = error.where.split()[0]
+        key = _HEAD.get(option)
+        if key is None or getattr(arguments, key, None) or getattr(arguments, "node", None):
+            raise
+        # Said by the scenario's head, not on the command line.
+        where = document.where((key,))
+        raise InputError(where, error.expected, error.got, error.hint) from error
     return Playing(emulator, document, scenario)
 
 

@@ -15,7 +15,7 @@ class Value(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     value: float | list[float | list[float]]
     unit: str
-    source: str = ""
+    source: str
     note: str = ""
 
 

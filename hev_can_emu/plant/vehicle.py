@@ -23,6 +23,14 @@ RATIO_RADII = {
 }
 RATIO_TOLERANCE = 1e-3
 """How far a reduced model's rounded ratio may be from that of the base radii, relative."""
+PLAUSIBLE: dict[str, tuple[float, float]] = {
+    "inertias": (1e-9, 1e6),
+    "stiffness": (1e-3, 1e13),
+    "damping": (1e-12, 1e9),
+    "base_radii": (1e-4, 10.0),
+    "reduced_ratios": (1e-3, 1e3),
+}
+"""Beyond these, SI, no car's value lies, and arithmetic would break rather than answer."""
 SECTIONS: dict[str, tuple[str, ...]] = {
     "inertias": INERTIA_NAMES,
     "stiffness": tuple("k" + name for name in (*SHAFTS, *MESHES)),
@@ -87,10 +95,18 @@ class DrivelineParameters:
             given: dict[str, float] = getattr(self, section)
             # A lossless branch is a legitimate thought experiment; a massless or limp one is not.
             bound = ">= 0" if section == "damping" else "> 0"
+            low, high = PLAUSIBLE[section]
             for name in names:
                 value = given[name]
                 if value < 0.0 or (value == 0.0 and section != "damping"):
                     raise InputError(f"{where}.{section}.{name}", f"a value {bound}", f"{value:g}")
+                if value and not low <= value <= high:
+                    raise InputError(
+                        f"{where}.{section}.{name}",
+                        f"{low:g} to {high:g} in SI units",
+                        f"{value:g}",
+                        "is the unit right?",
+                    )
         if not self.tyre_radius > 0.0:
             raise InputError(f"{where}.tyre_radius", "a value > 0", f"{self.tyre_radius:g}")
         for name, ratio in self.ratios.items():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Literal
 
 import msgspec
 
@@ -26,7 +27,7 @@ class DrivelineFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class VehicleFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A vehicle file.  ``provenance`` says in plain words where the numbers come from."""
 
-    version: int
+    version: Literal[1]
     name: str
     provenance: str
     driveline: DrivelineFile

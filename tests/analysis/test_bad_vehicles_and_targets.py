@@ -25,6 +25,16 @@ VEHICLES = [
         "Je: {value: -0.15",
         "$.driveline.inertias.Je: expected a value > 0, got -0.15",
     ),
+    (
+        r"k1: \{value: [^,]*",
+        "k1: {value: 1.0e300",
+        "$.driveline.stiffness.k1: expected 0.001 to 1e+13 in SI units, got 1e+300; is the unit right?",
+    ),
+    (
+        r"Je: \{value: [^,]*",
+        "Je: {value: 1.0e-300",
+        "$.driveline.inertias.Je: expected 1e-09 to 1e+06 in SI units, got 1e-300; is the unit right?",
+    ),
     (r"    k3: .*\n", "", "$.driveline.stiffness.k3: expected a value, got nothing"),
     (
         "g1: {value: 1.843526",
@@ -34,7 +44,7 @@ VEHICLES = [
     ),
     (
         "    Je:",
-        "    Jee: {value: 1, unit: kg m^2}\n    Je:",
+        "    Jee: {value: 1, unit: kg m^2, source: guess}\n    Je:",
         f"$.driveline.inertias: expected one of {INERTIAS}, got 'Jee'; did you mean 'Je' or 'Jsleeve'?",
     ),
     (
@@ -294,3 +304,36 @@ def test_options(line: str, message: str, capsys: pytest.CaptureFixture[str]) ->
     captured = capsys.readouterr()
     assert captured.out == ""
     assert captured.err == f"hev-can-emu: {message}\n"
+
+
+@pytest.mark.parametrize(
+    ("pattern", "replacement", "part"),
+    [
+        ("^version: 1", "version: 9", "$.version: expected"),
+        (
+            r"(    k3: \{value: [^,]*, unit: [^,]*), source: [^,}]*",
+            r"\1",
+            "$.driveline.stiffness.k3: expected the key 'source'",
+        ),
+    ],
+)
+def test_vehicle_shape(
+    pattern: str, replacement: str, part: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = re.sub(pattern, replacement, VEHICLE, count=1)
+    assert text != VEHICLE
+    assert complaint(text, ("modes", "--vehicle", "CAR"), tmp_path, capsys).startswith(part)
+
+
+@pytest.mark.parametrize(
+    "command", [("export",), ("export", "--format", "mat"), ("identify", "synthetic")]
+)
+def test_a_file_that_cannot_be_written_is_told_before_any_work(
+    command: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*command, "--out", "/proc/no.file"]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(
+        "hev-can-emu: --out /proc/no.file: expected a file that can be written, got "
+    )
+    assert error.count("\n") == 1

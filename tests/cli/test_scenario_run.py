@@ -63,7 +63,7 @@ def test_the_shipped_scenario_passes_and_repeats_to_the_byte(tmp_path: Path) -> 
     for name in ("a", "b"):
         assert frames_of(tmp_path / name / "series_parallel.blf") == log
     # 2120 frames/s with all nodes, for 26 s
-    assert len(log) == pytest.approx(2120 * 26, rel=0.01)
+    assert len(log) == pytest.approx(2120 * 27, rel=0.01)
     verdicts = json.loads((tmp_path / "a" / "series_parallel.json").read_text())
     assert verdicts["outcome"] == "pass"
     assert traces[0] == f"trace {verdicts['trace']}"

@@ -23,7 +23,7 @@ def test_peak_torque() -> None:
     bench = Bench(CAR).ask_and_run(200, EM2TorqueRequest=400.0)
     assert bench["EM2TorqueEcho"] == 400.0
     assert bench["EM2TorqueSetpoint"] == bench["EM2TorqueAvailableMax"] == 230.0
-    assert bench.label("EM2LimitReason") == "PeakTime"
+    assert bench.label("EM2LimitReason") == "PeakTorque"
     bench.ask_and_run(200, EM2TorqueRequest=-800.0)
     assert bench["EM2TorqueSetpoint"] == bench["EM2TorqueAvailableMin"] == -230.0
     assert bench["EM2TorqueEcho"] == -800.0
@@ -128,10 +128,10 @@ def test_clutch_and_brake_capacity() -> None:
     bench.ask_and_run(500, ClutchTorqueCapacityRequest=1500.0, BrakeTorqueRequest=8000.0)
     assert bench["ClutchTorqueCapacitySetpoint"] == 400.0
     assert bench["ClutchTorqueCapacityEcho"] == 1500.0
-    assert bench.label("ClutchLimitReason") == "PeakTime"
+    assert bench.label("ClutchLimitReason") == "PeakTorque"
     assert bench["BrakeTorqueSetpoint"] == 6500.0
     assert bench["BrakeTorqueEcho"] == 8000.0
-    assert bench.label("BrakeLimitReason") == "PeakTime"
+    assert bench.label("BrakeLimitReason") == "PeakTorque"
     bench.ask_and_run(500, ClutchTorqueCapacityRequest=100.0, BrakeTorqueRequest=100.0)
     assert bench.label("ClutchLimitReason") == bench.label("BrakeLimitReason") == "None"
 
@@ -144,8 +144,8 @@ def test_engine_limits() -> None:
     assert bench.label("EngineState") == "Running"
     assert bench["EngineTorqueEcho"] == 300.0
     assert bench["EngineTorqueSetpoint"] == pytest.approx(bench["EngineTorqueAvailableMax"], abs=1)
-    assert bench.label("EngineLimitReason") == "PeakTime"
+    assert bench.label("EngineLimitReason") == "PeakTorque"
     bench.ask_and_run(600, EngineTorqueRequest=-300.0)
     assert bench["EngineTorque"] == pytest.approx(bench["EngineTorqueAvailableMin"], abs=1)
     assert -30.0 < bench["EngineTorque"] < -10.0  # drag: fuel cut
-    assert bench.label("EngineLimitReason") == "PeakTime"
+    assert bench.label("EngineLimitReason") == "PeakTorque"

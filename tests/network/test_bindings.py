@@ -131,7 +131,7 @@ def test_codes_of_the_shipped_network_are_the_ports(
             "LIMIT_",
             {"BatteryPower": "BATTERY_POWER", "SlewRate": "SLEW", "RequestLost": "REQUEST_LOST",
              "TorqueBound": "TORQUE_BOUND", "TorqueOnDogs": "TORQUE_ON_DOGS",
-             "SyncTimeout": "SYNC_TIMEOUT", "PeakTime": "PEAK"},
+             "SyncTimeout": "SYNC_TIMEOUT", "PeakTorque": "PEAK"},
         ),
         "EngineRequestStatus": (
             "REQUEST_",
