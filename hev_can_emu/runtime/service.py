@@ -16,6 +16,7 @@ import asyncio
 import contextlib
 import gc
 import signal
+import sys
 import time
 from collections.abc import Callable, Sequence
 
@@ -32,6 +33,7 @@ from hev_can_emu.runtime.virtual import FrameSink
 
 RECEIVE_FRAMES = 8192
 STALL_NS = 1_000_000_000
+SWITCH_S = 2e-4  #: how long another thread may keep the tick waiting for the interpreter, s
 LATE_TICKS = 3  #: from here on a late loop reads its sockets before it catches up
 
 
@@ -87,6 +89,9 @@ class Service:
         """Run to the end; raises BusError when the bus is lost, InputError when it cannot be opened."""
         loop = asyncio.get_running_loop()
         with contextlib.ExitStack() as undo:
+            # Python's default lets a recorder's thread keep the interpreter for 5 ms.
+            undo.callback(sys.setswitchinterval, sys.getswitchinterval())
+            sys.setswitchinterval(SWITCH_S)
             for number in (signal.SIGINT, signal.SIGTERM):
                 with contextlib.suppress(ValueError, RuntimeError, NotImplementedError):
                     loop.add_signal_handler(number, self._interrupt)
