@@ -35,6 +35,7 @@ from hev_can_emu.messages.protection import (
     LENGTH_WRONG,
     is_accepted,
 )
+from hev_can_emu.plant.events import note
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -149,19 +150,6 @@ def take_message(
 
 
 @kernel
-def _note(
-    events: npt.NDArray[np.void], n_events: int, t_ns: int, kind: int, index: int, value: float
-) -> int:
-    if n_events < events.shape[0]:
-        events[n_events]["t_ns"] = t_ns
-        events[n_events]["kind"] = kind
-        events[n_events]["index"] = index
-        events[n_events]["value"] = value
-        return n_events + 1
-    return n_events
-
-
-@kernel
 def _watch_unit(
     ties: ResolvedBindings,
     state: Integers,
@@ -244,10 +232,10 @@ def watch(
             state[message, LOSSES] += 1
             for i in range(first, last):
                 held[ties.cover_port[i]] = requests[ties.cover_port[i]]
-            n_events = _note(events, n_events, t_ns, LOST, message, float(status))
+            n_events = note(events, n_events, t_ns, LOST, message, float(status))
         elif not lost and state[message, LOST_NS] != NEVER_NS:
             state[message, LOST_NS] = NEVER_NS
-            n_events = _note(events, n_events, t_ns, HEALED, message, 0.0)
+            n_events = note(events, n_events, t_ns, HEALED, message, 0.0)
 
         if lost:
             keep, told = 1.0, HELD
