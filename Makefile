@@ -129,11 +129,13 @@ $(INSTALLED):
 		rm -rf $(VENV) && "$$found" -m venv $(VENV) || exit 1; \
 	fi
 	@echo "Installing the locked dependencies (a minute or two the first time)"
-	@$(BIN)/python -m pip install -qq --disable-pip-version-check --require-hashes --only-binary :all: \
-		--requirement requirements.lock
+	@# The lock is whole: with --no-deps pip looks for nothing newer that an extra might name.
+	@$(BIN)/python -m pip install -qq --disable-pip-version-check --require-hashes --no-deps \
+		--only-binary :all: --requirement requirements.lock
 	@echo "Installing hev-can-emu"
 	@$(BIN)/python -m pip install -qq --disable-pip-version-check --no-index --no-deps \
 		--no-build-isolation --editable .
+	@$(BIN)/python -m pip --disable-pip-version-check check >/dev/null || $(BIN)/python -m pip check
 	@rm -f $(VENV)/.installed-* && touch $@
 
 $(WARMED): $(INSTALLED) $(SOURCES)
