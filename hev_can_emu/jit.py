@@ -1,9 +1,10 @@
 """One decorator for compiled kernels, with a cache that cannot run stale code.
 
 Numba's own cache looks at a kernel's own source file only: after a change in a *callee's* module it
-runs the old code.  Here the cache folder's name holds a hash of all kernel sources of the
-package, so any change starts a fresh folder; the oldest ones are removed.  Where no user cache folder can
-be written, a temporary one serves.
+runs the old code, and it forgets what it has when the package moves.  Here the cache folder of a module
+is named by a hash of its source and of all that it imports from this package, so a change compiles
+anew what hangs on it and nothing else, and two checkouts of the same code share what is compiled.  The
+oldest folders are removed.  Where no user cache folder can be written, a temporary one serves.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import contextlib
 import functools
 import hashlib
 import os
+import re
 import shutil
 import tempfile
 from collections.abc import Callable
@@ -26,38 +28,79 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 # Its attributes are made at run time, out of a type checker's sight.
 numba_config: Any = numba.core.config
+locators: Any = numba.core.caching
 
 JIT_DISABLED = bool(numba_config.DISABLE_JIT)
 
 _PACKAGE = Path(__file__).resolve().parent
-_KEPT = 6  # cache folders of other versions that are left alone
+_NAME = _PACKAGE.name
+_KEPT = 6  # folders of other versions of a module that are left alone
+_IMPORT = re.compile(
+    rf"^\s*(?:from {_NAME}([\w.]*) import (\([^)]*\)|[^\n]*)|import {_NAME}\.([\w.]+))",
+    re.MULTILINE,
+)
 
 
 @functools.cache
-def cache_folder() -> Path:
-    """Return the folder for compiled kernels, made where needed."""
-    digest = hashlib.sha256()
-    for source in sorted(_PACKAGE.rglob("*.py")):
-        text = source.read_bytes()
-        if b"kernel\n" in text:
-            digest.update(source.relative_to(_PACKAGE).as_posix().encode())
-            digest.update(text)
-    flags = f"{numba.__version__} {numba_config.BOUNDSCHECK} {numba_config.DISABLE_JIT}"
-    digest.update(flags.encode())
+def cache_home() -> Path:
+    """Return the folder that holds all compiled kernels, made where needed."""
     home = os.environ.get("HEV_CAN_EMU_CACHE") or os.path.join(
         os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache"),
         "hev-can-emu",
     )
-    folder = Path(home) / f"kernels-{digest.hexdigest()[:16]}"
+    folder = Path(home) / "kernels"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass
-        os.utime(folder)
     except OSError:
         folder = Path(tempfile.mkdtemp(prefix="hev-can-emu-kernels-"))
         atexit.register(shutil.rmtree, folder, ignore_errors=True)
-        return folder
+    return folder
+
+
+@functools.cache
+def _source(module: str) -> tuple[bytes, tuple[str, ...]]:
+    """Return a module's source and the modules of this package that it imports; empty for no module."""
+    path = _PACKAGE.joinpath(*module.split("."))
+    path = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+    if not path.is_file():
+        return b"", ()
+    text = path.read_bytes()
+    found = set()
+    for parent, names, whole in _IMPORT.findall(text.decode()):
+        start = parent.lstrip(".") or whole
+        if start:
+            found.add(start)
+        for name in re.findall(r"\w+", re.sub(r"#.*|\bas \w+", "", names)):
+            found.add(f"{start}.{name}" if start else name)
+    return text, tuple(found)
+
+
+def _digest(module: str) -> str:
+    """Return a hash of all that the compiled code of a module depends on."""
+    reached, waiting = {module}, [module]
+    while waiting:
+        for other in _source(waiting.pop())[1]:
+            if other not in reached and _source(other)[0]:
+                reached.add(other)
+                waiting.append(other)
+    digest = hashlib.sha256()
+    for each in sorted(reached):
+        text = _source(each)[0]
+        digest.update(f"{each} {len(text)}\n".encode())
+        digest.update(text)
+    digest.update(f"{numba.__version__} {numba_config.BOUNDSCHECK}".encode())
+    return digest.hexdigest()[:16]
+
+
+@functools.cache
+def cache_folder(module: str) -> Path:
+    """Return the folder for the compiled kernels of one module, named without the package."""
+    folder = cache_home() / module / _digest(module)
+    with contextlib.suppress(OSError):  # Numba says so where it cannot write
+        folder.mkdir(parents=True, exist_ok=True)
+        os.utime(folder)
     _remove_old(folder)
     return folder
 
@@ -65,10 +108,19 @@ def cache_folder() -> Path:
 def _remove_old(folder: Path) -> None:
     """Remove the cache folders of versions not used for longest, beyond a few."""
     with contextlib.suppress(OSError):  # another process may be at it, too
-        others = [each for each in folder.parent.glob("kernels-*") if each != folder]
+        others = [each for each in folder.parent.iterdir() if each != folder]
         others.sort(key=lambda each: each.stat().st_mtime, reverse=True)
         for each in others[_KEPT:]:
             shutil.rmtree(each, ignore_errors=True)
+
+
+class KernelLocator(locators.UserProvidedCacheLocator):  # type: ignore[misc]
+    """Places what is compiled in the folder set, wherever the package itself lies."""
+
+    @classmethod
+    def get_suitable_cache_subpath(cls, py_file: str) -> str:
+        """Return the path inside the folder; ``py_file`` is in the folder's name already."""
+        return "compiled"
 
 
 def kernel(function: F) -> F:
@@ -88,11 +140,20 @@ def inner_kernel(function: F) -> F:
 
 
 def _compile(function: F, **options: Any) -> F:
-    previous = numba_config.CACHE_DIR
-    numba_config.CACHE_DIR = str(cache_folder())
+    if JIT_DISABLED:
+        return function
+    module = function.__module__.partition(".")[2]
+    settings = {
+        "CACHE_DIR": str(cache_folder(module)),
+        "CACHE_LOCATOR_CLASSES": f"{__name__}.{KernelLocator.__name__}",
+    }
+    previous = {name: getattr(numba_config, name, "") for name in settings}
+    for name, value in settings.items():
+        setattr(numba_config, name, value)
     try:
         njit: Any = numba.njit
         compiled = njit(cache=True, error_model="numpy", **options)(function)
     finally:
-        numba_config.CACHE_DIR = previous
+        for name, value in previous.items():
+            setattr(numba_config, name, value)
     return cast(F, compiled)

@@ -15,7 +15,7 @@ def execute(arguments: argparse.Namespace) -> int:
     """Compile; returns the exit code."""
     started_s = time.monotonic()
     from hev_can_emu.commands._compiling import compiling
-    from hev_can_emu.jit import cache_folder
+    from hev_can_emu.jit import cache_home
     from hev_can_emu.runtime.emulator import Emulator
     from hev_can_emu.runtime.setup import Setup
     from hev_can_emu.runtime.signal_log import SignalLog
@@ -28,5 +28,5 @@ def execute(arguments: argparse.Namespace) -> int:
         log.series("EM2Speed")
     if not arguments.quiet:
         taken_s = time.monotonic() - started_s
-        print(f"kernels ready in {cache_folder()} ({taken_s:.1f} s)")
+        print(f"kernels ready in {cache_home()} ({taken_s:.1f} s)")
     return 0

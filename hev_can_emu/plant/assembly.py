@@ -82,7 +82,7 @@ def start_state(
     plant: Plant, start: Start
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64], npt.NDArray[np.float64]]:
     """Return the float64 state, the int64 state and the truth at the start."""
-    x = np.zeros(powertrain.X_DRIVELINE + plant.bank.flow.shape[3])
+    x = np.zeros(powertrain.state_size(plant.bank))
     n = np.zeros(driveline.N_INTEGERS, dtype=np.int64)
     n[driveline.SIGN : driveline.SIGN + driveline.N_LOCKS] = 1
     x[powertrain.X_BATTERY + battery.X_SOC] = start.state_of_charge
@@ -103,5 +103,5 @@ def start_state(
     y[powertrain.Y_LINK_VOLTAGE] = x[powertrain.X_CONTACTORS + contactors.X_LINK_VOLTAGE]
     y[powertrain.Y_CONTACTOR_PHASE] = x[powertrain.X_CONTACTORS + contactors.X_PHASE]
     y[powertrain.Y_AMBIENT] = start.temperature
-    powertrain.observe(plant, x, n, np.zeros(driveline.N_PORTS + driveline.N_LOCKS), y)
+    powertrain.observe(plant, x, n, np.zeros(driveline.N_PORTS + len(plant.bank.locks)), y)
     return x, n, y

@@ -1,14 +1,16 @@
 """Exact propagators of every configuration, ready for the compiled step.
 
-For each of the 48 configurations the bank holds ``x(t+h) = F [x; u]`` for a ladder of steps
-``h = period / 2^k``, the torque that each held lock carries, and the momentum-keeping projection onto
-the configuration.  The matrix exponential is our own plain-loop kernel: its bits do not depend on which
+For each configuration (48; 96 with the rear wheels; doubled by every mesh with play) the bank holds
+``x(t+h) = F [x; u]`` for a ladder of steps ``h = period / 2^k``, the torque that each held lock carries,
+and the momentum-keeping projection onto the configuration.  The matrix exponential is our own plain-loop kernel: its bits do not depend on which
 BLAS a machine has.  It works on ``X = exp(M) - 1``, ``X <- 2X + X^2``, which keeps the small
 motions that plain squaring of numbers near one would round away.
 """
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +18,13 @@ import numpy.typing as npt
 
 from hev_can_emu.jit import kernel
 from hev_can_emu.plant.linear import held_speeds, state_space
-from hev_can_emu.plant.structure import N_CONFIGURATIONS, Structure, configuration_at
+from hev_can_emu.plant.structure import (
+    LOCKS,
+    N_CONFIGURATIONS,
+    Configuration,
+    Structure,
+    configuration_at,
+)
 
 Array = npt.NDArray[np.float64]
 
@@ -25,20 +33,24 @@ TAYLOR_REACH = 0.1  # largest |eigenvalue| * step at which the series is used
 
 
 class Bank(NamedTuple):
-    """What the driveline kernel reads; n speeds, q twists, nx = n + q states, 10 inputs.
+    """What the driveline kernel reads.
+
+    n speeds and q twists are nx = n + q states; p = 4 port torques and m = 6 or 7 lock torques are
+    nu inputs; of r configurations.
 
     Attributes:
         period: the base step, s.
         levels: number of halvings; the ladder's unit is ``period / 2**levels``.
-        flow: shape (48, levels+1, nx+10, nx), transposed propagators, level 0 the unit.
-        held_torque: shape (48, 6, nx+10), rows giving each held lock's friction torque.
-        body_rate: shape (48, nx+10), row giving the body's angular acceleration.
-        project: shape (48, n, n), speeds onto the configuration, momentum kept.
+        flow: shape (r, levels+1, nx+nu, nx) or, with travel, (..., nx+p+m): transposed propagators,
+            level 0 the unit; the travel is the integral of every port's and lock's speed over the step.
+        held_torque: shape (r, m, nx+nu), rows giving each held lock's friction torque.
+        body_rate: shape (r, nx+nu), row giving the body's angular acceleration.
+        project: shape (r, n, n), speeds onto the configuration, momentum kept.
         remap: shape (6, 6, q, q), twists when the driving configuration changes.
         stiffness: shape (6, q, q), elastic energy is ``q' K q / 2``.
         inertia: shape (n,).
-        locks: shape (6, n), slip rows.
-        ports: shape (4, n), speed rows.
+        locks: shape (m, n), slip rows.
+        ports: shape (p, n), speed rows.
     """
 
     period: float
@@ -115,7 +127,7 @@ def exponential_ladder(matrix: Array, halvings: int, levels: int, terms: int, ou
                 out[level, i, j] = x[i, j]
 
 
-def propagators(a: Array, b: Array, unit: float, levels: int) -> Array:
+def propagators(a: Array, b: Array, unit: float, levels: int, rows: Array | None = None) -> Array:
     """Return ``[exp(A h) , integral exp(A s) B ds]`` for h = unit * 2^k, inputs held constant.
 
     Args:
@@ -123,43 +135,71 @@ def propagators(a: Array, b: Array, unit: float, levels: int) -> Array:
         b: shape (nx, nu).
         unit: smallest step, s.
         levels: number of doublings.
+        rows: shape (nz, nx): what is integrated over the step besides.
 
     Returns:
-        Shape (levels+1, nx, nx+nu).
+        Shape (levels+1, nx+nz, nx+nu).
     """
     nx, nu = b.shape
-    matrix = np.zeros((nx + nu, nx + nu))
-    matrix[:nx, :nx], matrix[:nx, nx:] = a * unit, b * unit
+    nz = 0 if rows is None else len(rows)
+    matrix = np.zeros((nx + nz + nu, nx + nz + nu))
+    matrix[:nx, :nx], matrix[:nx, nx + nz :] = a * unit, b * unit
+    if rows is not None:
+        matrix[nx : nx + nz, :nx] = rows * unit
     radius = float(np.abs(np.linalg.eigvals(matrix[:nx, :nx])).max())
     halvings = max(0, int(np.ceil(np.log2(max(radius, 1e-300) / TAYLOR_REACH))))
-    ladder = np.empty((levels + 1, nx + nu, nx + nu))
+    ladder = np.empty((levels + 1, *matrix.shape))
     exponential_ladder(matrix, halvings, levels, TAYLOR_TERMS, ladder)
-    ladder += np.eye(nx + nu)
-    return np.ascontiguousarray(ladder[:, :nx, :])
+    ladder += np.eye(len(matrix))
+    return np.delete(ladder[:, : nx + nz, :], np.s_[nx : nx + nz], axis=2)
 
 
-def build_bank(structure: Structure, period: float = 1e-3, levels: int = 10) -> Bank:
-    """Prepare all configurations of ``structure`` for steps of ``period`` seconds (s)."""
+def build_bank(
+    structure: Structure,
+    period: float = 1e-3,
+    levels: int = 10,
+    travel: bool = False,
+    open_branches: Sequence[int] = (),
+) -> Bank:
+    """Prepare all configurations of ``structure``.
+
+    Args:
+        structure: the driveline.
+        period: of one step, s.
+        levels: how often it can be halved to locate events.
+        travel: also integrate the speeds of ports and locks.
+        open_branches: branches whose teeth may part: configuration ``row + base*mask`` is ``row``
+            without those whose bit is set in ``mask``, ``base`` being the number without any.
+    """
     n, nq = structure.n, structure.nq
-    nx, nu = n + nq, structure.ports.shape[0] + structure.locks.shape[0]
-    ports = structure.ports.shape[0]
-    flow = np.zeros((N_CONFIGURATIONS, levels + 1, nx + nu, nx))
-    held_torque = np.zeros((N_CONFIGURATIONS, len(structure.locks), nx + nu))
-    body_rate = np.zeros((N_CONFIGURATIONS, nx + nu))
-    project = np.zeros((N_CONFIGURATIONS, n, n))
+    ports, m = structure.ports.shape[0], structure.locks.shape[0]
+    nx, nu = n + nq, ports + m
+    rows = np.zeros((nu if travel else 0, nx))
+    if travel:
+        rows[:, :n] = np.vstack([structure.ports, structure.locks])
+    base = N_CONFIGURATIONS << (m - len(LOCKS))
+    count = base << len(open_branches)
+    flow = np.zeros((count, levels + 1, nx + nu, nx + len(rows)))
+    held_torque = np.zeros((count, m, nx + nu))
+    body_rate = np.zeros((count, nx + nu))
+    project = np.zeros((count, n, n))
     body = int(np.flatnonzero(structure.ports[3])[0])
-    for row in range(N_CONFIGURATIONS):
-        configuration = configuration_at(row)
-        a, b = state_space(structure, configuration)
-        ladder = propagators(a, b, period / 2**levels, levels)
-        flow[row] = np.swapaxes(ladder, 1, 2)
-        project[row] = held_speeds(structure, configuration) * structure.inertia[None, :]
-        body_rate[row] = np.concatenate([a[body], b[body]])
-        held = [lock for lock, holds in enumerate(configuration.locks) if holds]
-        if held:
-            held_torque[row, held] = _held_torques(structure, row, held)
-            # A held lock's own friction input is the result, not a cause.
-            held_torque[row][:, [nx + ports + lock for lock in held]] = 0.0
+    for mask in range(1 << len(open_branches)):
+        parted = [branch for bit, branch in enumerate(open_branches) if mask >> bit & 1]
+        variant = without_branches(structure, parted) if parted else structure
+        for index in range(base):
+            row = index + base * mask
+            configuration = configuration_at(index)
+            a, b = state_space(variant, configuration)
+            ladder = propagators(a, b, period / 2**levels, levels, rows)
+            flow[row] = np.swapaxes(ladder, 1, 2)
+            project[row] = held_speeds(variant, configuration) * structure.inertia[None, :]
+            body_rate[row] = np.concatenate([a[body], b[body]])
+            held = [lock for lock, holds in enumerate(configuration.locks) if holds]
+            if held:
+                held_torque[row, held] = _held_torques(variant, configuration, held)
+                # A held lock's own friction input is the result, not a cause.
+                held_torque[row][:, [nx + ports + lock for lock in held]] = 0.0
     basis = structure.basis
     return Bank(
         period=period,
@@ -176,9 +216,18 @@ def build_bank(structure: Structure, period: float = 1e-3, levels: int = 10) -> 
     )
 
 
-def _held_torques(structure: Structure, row: int, held: list[int]) -> Array:
+def without_branches(structure: Structure, branches: Sequence[int]) -> Structure:
+    """Return ``structure`` with branches (independent, uncoupled ones) that carry nothing."""
+    stiffness, damping = structure.stiffness.copy(), structure.damping.copy()
+    for matrix in (stiffness, damping):
+        matrix[:, branches, :] = 0.0
+        matrix[:, :, branches] = 0.0
+    return dataclasses.replace(structure, stiffness=stiffness, damping=damping)
+
+
+def _held_torques(structure: Structure, configuration: Configuration, held: list[int]) -> Array:
     """Rows giving the friction torques that keep the held slips at zero acceleration."""
-    driving = configuration_at(row).driving
+    driving = configuration.driving
     inverse = 1.0 / structure.inertia
     incidence, damping = structure.incidence, structure.damping[driving]
     stiffness = structure.stiffness[driving] @ structure.basis

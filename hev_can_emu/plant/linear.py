@@ -118,10 +118,10 @@ def state_space(structure: Structure, configuration: Configuration) -> tuple[Arr
     """Return A, B of ``x' = A x + B u`` in full coordinates.
 
     States are the n speeds (held pairs equal) and the nq independent twists; inputs the four port
-    torques, then the six friction torques (each on its lock's first side, against the second).
+    torques, then the friction torques of the locks (each on its lock's first side, against the second).
 
     Returns:
-        A of shape (n+nq, n+nq), B of shape (n+nq, 10).
+        A of shape (n+nq, n+nq), B of shape (n+nq, 4 + number of locks).
     """
     n, nq = structure.n, structure.nq
     inverse = held_speeds(structure, configuration)

@@ -139,7 +139,7 @@ class Plant(NamedTuple):
 @kernel
 def state_size(bank: Bank) -> int:
     """Return the length of the plant's float64 state."""
-    return int(X_DRIVELINE + bank.flow.shape[3])
+    return int(X_DRIVELINE + bank.inertia.shape[0] + bank.stiffness.shape[1])
 
 
 @kernel
@@ -359,8 +359,9 @@ def plant_step(
         float(n[driveline.HELD + G1]), float(n[driveline.HELD + G2]), y[Y_SYNC_TORQUE], sync_out,
     )  # fmt: skip
 
-    kinetic = work[96 : 96 + driveline.N_LOCKS]
-    static = work[104 : 104 + driveline.N_LOCKS]
+    locks = bank.locks.shape[0]
+    kinetic = work[96 : 96 + locks]
+    static = work[104 : 104 + locks]
     kinetic[C1] = capacity
     static[C1] = capacity * plant.clutch[CLUTCH_STATIC_RATIO]
     _gear_lock(
@@ -374,7 +375,7 @@ def plant_step(
     rolling = road_out[road.OUT_ROLLING_CAPACITY]
     kinetic[BODY] = static[BODY] = rolling + brake_out[brakes.OUT_RL] + brake_out[brakes.OUT_RR]
 
-    forces = work[112 : 112 + driveline.N_PORTS + driveline.N_LOCKS]
+    forces = work[112 : 112 + driveline.N_PORTS + locks]
     forces[ENGINE], forces[EM1], forces[EM2] = engine_torque, torque1, torque2
     forces[ROAD] = road_out[road.OUT_BODY_TORQUE]
     n_events = driveline.step(

@@ -42,9 +42,11 @@ BRANCHES: tuple[tuple[str, str, str, str, str], ...] = (
     ("rw", "Jrw", "Jv", "", ""),
 )
 
-# Locks, in the order of the bits of a configuration and of the friction torques.
-C1, G1, G2, LEFT, RIGHT, BODY = range(6)
+# Locks, in the order of the bits of a configuration and of the friction torques.  The last one exists
+# only where the rear wheels are an inertia of their own.
+C1, G1, G2, LEFT, RIGHT, BODY, REAR = range(7)
 LOCKS = ("c1", "g1", "g2", "brake_left", "brake_right", "body")
+ALL_LOCKS = (*LOCKS, "brake_rear")
 
 # Torque ports ahead of the locks in the input vector.
 ENGINE, EM1, EM2, ROAD = range(4)
@@ -61,16 +63,18 @@ class Configuration(NamedTuple):
     left: bool = False
     right: bool = False
     body: bool = False
+    rear: bool = False
 
     @property
     def row(self) -> int:
-        """The row of this configuration in a bank, 0 to 47."""
+        """The row of this configuration in a bank, 0 to 47, to 95 with the rear wheels."""
         return (
             int(self.clutch)
             + 2 * self.gear
             + 6 * int(self.left)
             + 12 * int(self.right)
             + 24 * int(self.body)
+            + 48 * int(self.rear)
         )
 
     @property
@@ -80,11 +84,19 @@ class Configuration(NamedTuple):
 
     @property
     def locks(self) -> tuple[bool, ...]:
-        """One flag per entry of :data:`LOCKS`."""
-        return (self.clutch, self.gear == 1, self.gear == 2, self.left, self.right, self.body)
+        """One flag per entry of :data:`ALL_LOCKS`."""
+        return (
+            self.clutch,
+            self.gear == 1,
+            self.gear == 2,
+            self.left,
+            self.right,
+            self.body,
+            self.rear,
+        )
 
 
-N_CONFIGURATIONS = 48
+N_CONFIGURATIONS = 48  #: per state of the rear wheels
 CONFIGURATIONS: dict[str, Configuration] = {
     "series": Configuration(True, 0),
     "parallel_g1": Configuration(True, 1),
@@ -99,7 +111,12 @@ def configuration_at(index: int) -> Configuration:
     """Return the configuration with the given bank index."""
     rest, driving = divmod(index, 6)
     return Configuration(
-        bool(driving % 2), driving // 2, bool(rest & 1), bool(rest & 2), bool(rest & 4)
+        bool(driving % 2),
+        driving // 2,
+        bool(rest & 1),
+        bool(rest & 2),
+        bool(rest & 4),
+        bool(rest & 8),
     )
 
 
@@ -108,7 +125,7 @@ class Structure:
     """A driveline's matrices, all locks open.
 
     Attributes:
-        model: ``16dof`` or ``4dof``.
+        model: ``16dof``, ``4dof`` or ``detailed``.
         names: the inertias, n of them.
         inertia: J, shape (n,), kg m^2.
         incidence: B, shape (nb, n); branch deflections are ``B @ theta``.
@@ -118,7 +135,7 @@ class Structure:
         basis: R, shape (nb, nq): deflections from the independent twists, ``phi = R @ q``.
         independent: the nq rows of B whose deflections are the twists q.
         ports: P, shape (4, n): speed (and torque) at each of :data:`PORTS`.
-        locks: S, shape (6, n): slip at each of :data:`LOCKS`.
+        locks: S, shape (6, n): slip at each of :data:`LOCKS`; (7, n) with the rear wheels.
         twist_remap: shape (6, 6, nq, nq): twists when the driving configuration changes from the
             first index to the second (identity in the full model).
     """
@@ -153,7 +170,7 @@ class Structure:
         column is named by its first inertia.  Raises ValueError for locks that depend on each other.
         """
         transform = np.eye(self.n)
-        for lock, held in enumerate(configuration.locks):
+        for lock, held in enumerate(configuration.locks[: len(self.locks)]):
             if not held:
                 continue
             row = self.locks[lock] @ transform

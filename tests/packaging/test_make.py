@@ -85,7 +85,12 @@ def checkout(repository: Path, tmp_path: Path) -> Checkout:
 
 def kinds(calls: list[str]) -> list[str]:
     """Return what kind of work each call is."""
-    words = {"venv": "venv", "--require-hashes": "dependencies", "--editable": "package"}
+    words = {
+        "venv": "venv",
+        "--require-hashes": "dependencies",
+        "--editable": "package",
+        "check": "check",
+    }
     return [
         next((kind for word, kind in words.items() if word in call.split()), call.split()[1])
         for call in calls
@@ -112,7 +117,7 @@ def test_an_old_python_is_passed_over(checkout: Checkout) -> None:
 def test_demo_alone_sets_up_what_it_needs_and_only_once(checkout: Checkout) -> None:
     checkout.add_python()
     first = checkout.calls("demo")
-    assert kinds(first) == ["venv", "dependencies", "package", "warm", "scenario"]
+    assert kinds(first) == ["venv", "dependencies", "package", "check", "warm", "scenario"]
     assert "--only-binary" in first[1]
     assert "--no-build-isolation" in first[2]
     (Path(checkout.environment["HOME"]) / ".cache" / "hev-can-emu").mkdir(parents=True)
@@ -127,9 +132,16 @@ def test_changes_redo_what_hangs_on_them(checkout: Checkout) -> None:
     assert kinds(checkout.calls("demo")) == ["warm", "scenario"]
     with (checkout.root / "requirements.lock").open("a") as lock:
         lock.write("# changed\n")
-    assert kinds(checkout.calls("demo")) == ["dependencies", "package", "warm", "scenario"]
+    assert kinds(checkout.calls("demo")) == ["dependencies", "package", "check", "warm", "scenario"]
     checkout.root = checkout.root.rename(checkout.root.with_name("moved"))
-    assert kinds(checkout.calls("demo")) == ["venv", "dependencies", "package", "warm", "scenario"]
+    assert kinds(checkout.calls("demo")) == [
+        "venv",
+        "dependencies",
+        "package",
+        "check",
+        "warm",
+        "scenario",
+    ]
 
 
 def test_a_lost_kernel_cache_is_warmed_again(checkout: Checkout) -> None:

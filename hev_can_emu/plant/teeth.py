@@ -1,0 +1,241 @@
+"""What the detailed driveline adds to the step: teeth with play, the pistons, the work of each damper.
+
+Contact is never adhesive.  The dogs of an engaged gear sit in their play: between its ends sleeve and gear
+turn free of each other; at an end they are held (a configuration of its own) as long as the torque
+presses them together.  A mesh with play carries ``k*q + c*q'`` as long as that presses, q counted from the
+flank that touches, and nothing in between.  What an impact of the dogs or the parting of a mesh drops is
+booked.
+
+All of it lives in an array of *books* beside the driveline's state: places first, then sums since
+the start.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from hev_can_emu.jit import kernel
+from hev_can_emu.plant.bank import Bank, propagators, without_branches
+from hev_can_emu.plant.linear import state_space
+from hev_can_emu.plant.structure import (
+    ALL_LOCKS,
+    LOCKS,
+    N_CONFIGURATIONS,
+    N_PORTS,
+    Structure,
+    configuration_at,
+)
+
+Array = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
+
+N_LOCKS = len(ALL_LOCKS)
+
+# Layout of the books.  LOST, at friction locks, is the only one that a driveline without extras keeps.
+LOST = 0
+ANGLE = 1  # of the crank, rad, 0 to one turn
+THROTTLE = 2  # opening, 1: counts only for a crank that says so
+GAP = 3  # sleeve against G1 and G2 within the dogs' play, rad
+HALF = 5  # half that play while the dogs are in, else 0
+TRAVEL = 7  # of ports, then locks, in the step now over, rad
+CRANK_WORK = TRAVEL + N_PORTS + N_LOCKS  # of the pistons' inertial torque on the crank, J
+LOST_DOGS, LOST_MESH = CRANK_WORK + 1, CRANK_WORK + 2  # J
+FRICTION = CRANK_WORK + 3  # heat of each lock's slide, J
+DAMPERS = FRICTION + N_LOCKS  # heat of each branch's damper, J; only where asked for
+N_BOOKS = DAMPERS + 17
+
+_NODES = (0.25, 0.5, 0.75)
+_END_WEIGHT, _NODE_WEIGHTS = 7.0 / 90.0, (32.0 / 90.0, 12.0 / 90.0, 32.0 / 90.0)  # Boole's rule
+
+
+class Extras(NamedTuple):
+    """Constants; k meshes have play, nb branches damp.
+
+    Attributes:
+        crank: packed parameters of the pistons, or empty.
+        mesh: shape (k,), index of each mesh's twist.
+        mesh_half: shape (k,), half its play, m.
+        mesh_stiffness, mesh_damping: shape (k,), N/m and N s/m.
+        branches: shape (nb, n), rows that give each branch's rate of deflection from the speeds.
+        damping: shape (nb,).
+        nodes: shape (r, levels+1, nx+nu, 3*nb): rates at quarter, half and three quarters of a
+            step, or empty: then dampers are not booked.
+        base: number of configurations that the meshes do not tell apart.
+    """
+
+    crank: Array
+    mesh: Integers
+    mesh_half: Array
+    mesh_stiffness: Array
+    mesh_damping: Array
+    branches: Array
+    damping: Array
+    nodes: Array
+    base: int
+
+
+def build_extras(
+    structure: Structure,
+    bank: Bank,
+    crank: Array,
+    clearance: Mapping[str, float] | None = None,
+    damper_work: bool = False,
+) -> Extras:
+    """Prepare the constants; ``clearance`` gives the whole play of branches by name, m.
+
+    The bank must have been built with travel and with these branches' :func:`parting` indices.
+    """
+    mesh = parting(structure, clearance or {})
+    half = [0.5 * (clearance or {})[structure.branch_names[branch]] for branch in mesh]
+    branches = np.ascontiguousarray(structure.incidence)
+    return Extras(
+        crank=crank,
+        mesh=np.array(mesh, dtype=np.int64),
+        mesh_half=np.array(half, dtype=np.float64),
+        mesh_stiffness=np.array([structure.stiffness[0, b, b] for b in mesh], dtype=np.float64),
+        mesh_damping=np.array([structure.damping[0, b, b] for b in mesh], dtype=np.float64),
+        branches=branches,
+        damping=np.diagonal(structure.damping[0]).copy(),
+        nodes=_node_rows(structure, bank, mesh) if damper_work else np.zeros((0, 0, 0, 0)),
+        base=len(bank.flow) >> len(mesh),
+    )
+
+
+def parting(structure: Structure, clearance: Mapping[str, float]) -> list[int]:
+    """Return the indices of the branches whose teeth may part; KeyError for a name that is none."""
+    place = {name: index for index, name in enumerate(structure.branch_names)}
+    return sorted(place[name] for name, play in clearance.items() if play > 0.0)
+
+
+def _node_rows(structure: Structure, bank: Bank, mesh: list[int]) -> Array:
+    """Rates of deflection at the inner nodes of every step of the ladder, as rows over [x; u]."""
+    nx = structure.n + structure.nq
+    nu, nb = bank.flow.shape[2] - nx, len(structure.branch_names)
+    levels = bank.levels
+    base = N_CONFIGURATIONS << (len(structure.locks) - len(LOCKS))
+    out = np.zeros((len(bank.flow), levels + 1, nx + nu, len(_NODES) * nb))
+    for mask in range(1 << len(mesh)):
+        parted = [branch for bit, branch in enumerate(mesh) if mask >> bit & 1]
+        variant = without_branches(structure, parted) if parted else structure
+        for index in range(base):
+            a, b = state_space(variant, configuration_at(index))
+            # The ladder from a quarter of the unit on; three quarters by one more product.
+            ladder = propagators(a, b, bank.period / 2**levels / 4.0, levels + 1)
+            for level in range(levels + 1):
+                quarter, half = ladder[level], ladder[level + 1]
+                later = quarter[:, :nx] @ half
+                later[:, nx:] += quarter[:, nx:]
+                for node, flow in enumerate((quarter, half, later)):
+                    rates = structure.incidence @ flow[: structure.n]
+                    out[index + base * mask, level, :, node * nb : (node + 1) * nb] = rates.T
+    return out
+
+
+@kernel
+def mesh_row(extras: Extras, contact: Integers) -> int:
+    """Return what the parted meshes add to the index of the configuration; ``contact`` 0 is parted."""
+    row = 0
+    for i in range(extras.mesh.shape[0]):
+        if contact[i] == 0:
+            row += extras.base << i
+    return row
+
+
+@kernel
+def rate(branches: Array, x: Array, branch: int) -> float:
+    """Return a branch's rate of deflection."""
+    total = 0.0
+    for i in range(branches.shape[1]):
+        if branches[branch, i] != 0.0:
+            total += branches[branch, i] * x[i]
+    return total
+
+
+@kernel
+def mesh_force(extras: Extras, x: Array, i: int) -> float:
+    """Return what mesh ``i`` would carry at its flank, N."""
+    n = extras.branches.shape[1]
+    branch = extras.mesh[i]
+    return float(
+        extras.mesh_stiffness[i] * x[n + branch]
+        + extras.mesh_damping[i] * rate(extras.branches, x, branch)
+    )
+
+
+@kernel
+def mesh_changes(extras: Extras, x: Array, contact: int, i: int) -> int:
+    """Return the contact of mesh ``i`` after this instant: 0 parted, else the side that touches."""
+    if contact != 0:
+        return contact if mesh_force(extras, x, i) * contact >= 0.0 else 0
+    twist = x[extras.branches.shape[1] + extras.mesh[i]]
+    half = extras.mesh_half[i]
+    if abs(twist) > half:
+        moving = rate(extras.branches, x, extras.mesh[i])
+        if twist > 0.0 and moving > 0.0:
+            return 1
+        if twist < 0.0 and moving < 0.0:
+            return -1
+    return 0
+
+
+@kernel
+def book_dampers(
+    extras: Extras,
+    row: int,
+    level: int,
+    length: float,
+    x: Array,
+    u: Array,
+    after: Array,
+    books: Array,
+) -> None:
+    """Add each damper's heat over an accepted step: Boole's rule over the exact rates at five nodes.
+
+    Args:
+        extras: constants.
+        row, level: configuration and step of the ladder.
+        length: of that step, s.
+        x, u: state at its beginning and inputs.
+        after: state at its end.
+        books: changed in place.
+    """
+    nb = extras.damping.shape[0]
+    nodes = extras.nodes
+    count = nodes.shape[3]
+    rates = np.zeros(count)
+    nx = extras.branches.shape[1] + nb
+    j = 0
+    while j < nx + u.shape[0]:
+        factor = x[j] if j < nx else u[j - nx]
+        if factor != 0.0:
+            for i in range(count):
+                rates[i] += nodes[row, level, j, i] * factor
+        j += 1
+    for branch in range(nb):
+        if extras.damping[branch] == 0.0:
+            continue
+        first, last = rate(extras.branches, x, branch), rate(extras.branches, after, branch)
+        total = _END_WEIGHT * (first * first + last * last)
+        for node in range(3):
+            value = rates[node * nb + branch]
+            total += _NODE_WEIGHTS[node] * value * value
+        books[DAMPERS + branch] += extras.damping[branch] * total * length
+
+
+@kernel
+def elastic_energy(extras: Extras, stiffness: Array, x: Array, contact: Integers) -> float:
+    """Return the energy in the branches, J; ``stiffness`` (q, q) is diagonal, parted meshes hold none."""
+    n = extras.branches.shape[1]
+    total = 0.0
+    for branch in range(stiffness.shape[0]):
+        carries = True
+        for i in range(extras.mesh.shape[0]):
+            if extras.mesh[i] == branch and contact[i] == 0:
+                carries = False
+        if carries:
+            total += 0.5 * stiffness[branch, branch] * x[n + branch] * x[n + branch]
+    return total
