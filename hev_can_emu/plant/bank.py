@@ -2,9 +2,9 @@
 
 For each configuration (48; 96 with the rear wheels; doubled by every mesh with play) the bank holds
 ``x(t+h) = F [x; u]`` for a ladder of steps ``h = period / 2^k``, the torque that each held lock carries,
-and the momentum-keeping projection onto the configuration.  The matrix exponential is our own plain-loop kernel: its bits do not depend on which
-BLAS a machine has.  It works on ``X = exp(M) - 1``, ``X <- 2X + X^2``, which keeps the small
-motions that plain squaring of numbers near one would round away.
+and the momentum-keeping projection onto the configuration.  The matrix exponential is our own
+plain-loop kernel: its bits do not depend on which BLAS a machine has.  It works on ``X = exp(M) - 1``,
+``X <- 2X + X^2``, which keeps the small motions that plain squaring of numbers near one would round away.
 """
 
 from __future__ import annotations
