@@ -251,7 +251,8 @@ class Service:
 
     def tell(self) -> None:
         """Hand over events and notices that have come since the last time."""
-        events = self.emulator.take_events()
+        source = self._playing or self.emulator
+        events = source.take_events()
         if self._on_event is None:
             return
         for event in events:

@@ -18,7 +18,7 @@ NEVER = 1 << 62  #: later than any scenario lasts
 
 
 class Monitor:
-    """Base: the decision and its record.  ``open_ns`` and ``close_ns`` are set by the player."""
+    """Base: the decision and its record.  ``opened``, ``open_ns`` and ``close_ns`` are set by the player."""
 
     kind = ""
 
@@ -26,6 +26,7 @@ class Monitor:
         self.expression = expression
         self.name = name
         self.where = where
+        self.opened = False
         self.open_ns = 0
         self.close_ns = NEVER
         self.outcome: Outcome | None = None
@@ -62,6 +63,10 @@ class Monitor:
             self.margin if math.isfinite(self.margin) else None,
             self._margin_unit if math.isfinite(self.margin) else "",
             self.where,
+            (self.open_ns, self.close_ns if self.close_ns < NEVER else None)
+            if self.opened
+            else (None, None),
+            self.expression.reads,
         )
 
     def _says(self) -> str:

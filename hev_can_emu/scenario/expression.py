@@ -47,6 +47,11 @@ class Expression(NamedTuple):
     unit: Unit | None
     signals: tuple[Signal, ...]
 
+    @property
+    def reads(self) -> tuple[str, ...]:
+        """What it looks at, as ``Message.Signal``."""
+        return tuple(f"{each.message}.{each.name}" for each in self.signals)
+
     def observe(self, item: Item) -> str:
         """Return the signals' present values in words."""
         return ", ".join(f"{each.name} = {each.say(item(each.index))}" for each in self.signals)

@@ -223,8 +223,20 @@ class Player:
         margin: float | None,
     ) -> None:
         unit = "" if margin is None else "s"
+        reads = () if step.when is None else step.when.reads
         self._step_verdicts.append(
-            Verdict("step", step.name, outcome, t_ns, expected, observed, margin, unit, step.where)
+            Verdict(
+                "step",
+                step.name,
+                outcome,
+                t_ns,
+                expected,
+                observed,
+                margin,
+                unit,
+                step.where,
+                reads=reads,
+            )
         )
 
     # Stimuli
@@ -288,7 +300,7 @@ class Player:
                 self._due_ns = min(self._due_ns, opens)
                 waiting.append((watch, monitor))
             else:
-                monitor.open_ns = opens
+                monitor.opened, monitor.open_ns = True, opens
                 self._open.append(monitor)
                 if closes is None:
                     self._endless.append((watch, monitor))

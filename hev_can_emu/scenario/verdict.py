@@ -39,6 +39,8 @@ class Verdict(NamedTuple):
             expectation has no measure.
         margin_unit: a unit's name; empty for a pure number.
         where: the entry's place in the scenario.
+        window_ns: when the expectation began and ceased to look, run time; None where it never did.
+        reads: what it looks at: ``Message.Signal`` and ``truth.name``, in the order of appearance.
     """
 
     kind: str
@@ -50,6 +52,8 @@ class Verdict(NamedTuple):
     margin: float | None
     margin_unit: str
     where: str
+    window_ns: tuple[int | None, int | None] = (None, None)
+    reads: tuple[str, ...] = ()
 
 
 def worst(verdicts: Iterable[Verdict]) -> Outcome:

@@ -12,6 +12,10 @@ import can
 import pytest
 
 from hev_can_emu.cli import main
+from hev_can_emu.runtime.emulator import Emulator
+from hev_can_emu.runtime.playing import Playing, read_scenario
+from hev_can_emu.runtime.setup import Setup
+from hev_can_emu.runtime.virtual import play_virtual
 
 COMMAND = Path(sys.executable).parent / "hev-can-emu"
 SHORT = """\
@@ -120,3 +124,23 @@ def test_in_wall_time_it_is_judged_alike_and_leaves_the_same_kinds_of_files(
     assert "400 ticks" in err or "401 ticks" in err
     assert "\r" not in err  # no bar where there is no terminal
     assert len(list(Path("results").iterdir())) == 4
+
+
+def test_a_run_tells_what_it_was_and_what_happened(short: Path) -> None:
+    silent = "- {name: silent, at: 300 ms, silence: [HCU_EM1Request]}\nexpectations:"
+    short.write_text(SHORT.replace("expectations:", silent))
+    document, scenario = read_scenario(short)
+    playing = Playing(Emulator(Setup(model="4dof", nodes={"HCU": "emulated"})), document, scenario)
+    trace = play_virtual(playing, [])
+    result = playing.result(trace)
+    assert (result.name, result.model, result.car_ns) == ("a short pull", "4dof", 400_000_000)
+    assert result.outcome.value == "pass"
+    assert result.trace_hash == trace
+    assert [verdict.reads for verdict in result.verdicts] == [
+        (),
+        (),
+        ("MCU2_Status.EM2Torque",),
+    ]
+    assert [(event.kind, event.text) for event in result.events] == [
+        ("lost", "HCU_EM1Request: timed out")
+    ]

@@ -36,6 +36,8 @@ def test_always_passes_with_its_smallest_margin(bench: Any) -> None:
     assert verdict.observed == "nearest at 2.000 s: VehicleSpeed = 30 km/h"
     assert verdict.where == "s.yaml:6: $.expectations[0]"
     assert verdict.name == "expectation 1"
+    assert verdict.window_ns == (1_000_000_000, 3_000_000_000)
+    assert verdict.reads == ("ESC_Vehicle.VehicleSpeed",)
 
 
 def test_always_fails_at_the_first_contradiction(bench: Any) -> None:
