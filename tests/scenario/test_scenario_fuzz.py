@@ -8,9 +8,9 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from conftest import make_messages
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from scenario_bench import make_messages
 
 from hev_can_emu import config
 from hev_can_emu.errors import InputError
