@@ -6,6 +6,8 @@ from typing import Annotated, Literal
 
 import msgspec
 
+from hev_can_emu.ecu.network_file import ProtectionBinding, Sending
+
 Ownership = Literal["emulated", "external", "silent"]
 Reaction = Literal["hold", "ramp_to_zero", "open_clutch"]
 
@@ -43,8 +45,9 @@ class Supervision(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 class MessageBinding(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One message's signals by name: ``request`` of a controller, ``status`` and ``external`` of a unit.
 
-    ``node`` stands in for the sender that the DBC names.  Signals in ``optional`` may be not
-    available without the message being defective.
+    ``node`` stands in for the sender that the DBC names, ``protection`` and ``sending`` for what it says
+    of both.  Signals in ``optional`` may be not available without the message being defective;
+    ``constant`` signals are always sent with this value or label.
     """
 
     node: str = ""
@@ -52,6 +55,9 @@ class MessageBinding(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     status: dict[str, str | Tie] = {}
     external: dict[str, str | Tie] = {}
     optional: tuple[str, ...] = ()
+    constant: dict[str, float | str] = {}
+    protection: ProtectionBinding | None = None
+    sending: Sending | None = None
     supervision: Supervision | None = None
 
 

@@ -55,7 +55,8 @@ S_EXTRA = 11  # first labelled raw value outside the range, in Codec.lists
 S_EXTRA_COUNT = 12
 S_ORDER = 13  # the signal to encode at this place: multiplexers before what they select
 S_PROTECTED = 14  # 1: written by the message's protection, not by a value
-S_COLUMNS = 15
+S_MISSING = 15  # bit pattern that NaN is sent as
+S_COLUMNS = 16
 
 # Columns of Codec.scaling, one row per signal.
 F_SCALE = 0
@@ -159,6 +160,12 @@ def _fill_signal(
     row[S_HAS_NA] = signal.not_available is not None
     row[S_NA] = _int64(_pattern(signal.not_available or 0, kind, signal.length))
     row[S_INITIAL] = _int64(_pattern(_initial(signal), kind, signal.length))
+    if signal.not_available is not None:
+        row[S_MISSING] = row[S_NA]
+    elif signal.is_float and not signal.constant:
+        row[S_MISSING] = _int64(_pattern(math.nan, kind, signal.length))
+    else:
+        row[S_MISSING] = row[S_INITIAL]
     row[S_PARENT] = by_name[signal.multiplexer].index if signal.multiplexer else -1
     row[S_RANGES], row[S_RANGE_COUNT] = len(lists), len(signal.multiplexer_ranges)
     for start, end in signal.multiplexer_ranges:
@@ -312,11 +319,7 @@ def to_pattern(
     """Return the bit pattern (uint64) that is sent for a physical value, and 1 where it saturated."""
     kind = signals[s, S_KIND]
     if np.isnan(value):
-        if signals[s, S_HAS_NA] != 0:
-            return np.uint64(signals[s, S_NA]), 0
-        if kind >= FLOAT16:
-            return float_pattern(value, kind), 0
-        return np.uint64(signals[s, S_INITIAL]), 0
+        return np.uint64(signals[s, S_MISSING]), 0
     low = scaling[s, F_LOW]
     high = scaling[s, F_HIGH]
     raw = (value - scaling[s, F_OFFSET]) / scaling[s, F_SCALE]

@@ -167,6 +167,9 @@ def read_protection(entry: Any, definitions: Any) -> ProtectionSpec | None:
         xor=number("E2ECRCXor", 0),
         reflected=number("E2ECRCReflected", 0) == 1,
         big_endian=number("E2ECRCBigEndian", 0) == 1,
+        first_byte=number("E2ECRCFirstByte", 0),
+        last_byte=number("E2ECRCLastByte", -1),
+        own_as_zero=number("E2ECRCOwnAsZero", 0) == 1,
     )
     return ProtectionSpec(
         profile=str(profile),  # type: ignore[arg-type]  # checked by the record itself
@@ -180,5 +183,6 @@ def read_protection(entry: Any, definitions: Any) -> ProtectionSpec | None:
         crc=crc if profile == "custom" else CrcSpec(),
         counter_length=number("E2ECounterLength", 4) if profile == "custom" else 4,
         counter_max=number("E2ECounterMax", -1) if profile == "custom" else -1,
+        counter_big_endian=profile == "custom" and number("E2ECounterBigEndian", 0) == 1,
         data_id_position=label("E2EDataIDPosition", "none") if profile == "custom" else "none",
     )

@@ -26,7 +26,8 @@ class SignalDef(msgspec.Struct, frozen=True, kw_only=True):
     ``start`` is the DBC start bit (big-endian: of the most significant bit).  ``scale`` and ``offset``
     map raw to physical values (``physical = raw * scale + offset``) and stay ``int`` where the file
     writes integers.  ``not_available`` and ``initial`` are raw values.  ``multiplexer`` names the signal
-    whose raw value selects this one, ``multiplexer_ranges`` the inclusive ranges that do.
+    whose raw value selects this one, ``multiplexer_ranges`` the inclusive ranges that do.  A ``constant``
+    signal is sent with its initial value where none is given, even a floating-point one.
     """
 
     index: int
@@ -46,6 +47,7 @@ class SignalDef(msgspec.Struct, frozen=True, kw_only=True):
     labels: dict[int, str] = {}
     not_available: int | None = None
     initial: float | None = None
+    constant: bool = False
     is_multiplexer: bool = False
     multiplexer: str | None = None
     multiplexer_ranges: tuple[tuple[int, int], ...] = ()

@@ -35,7 +35,7 @@ MODE_NAMES = ("off", "observe", "enforce")
 NEVER = -1  #: counter state of a receiver that has seen no frame
 
 # Columns of Protection.layout, one row per message.
-P_WIDTH = 0  # CRC bits; 0: unprotected
+P_WIDTH = 0  # CRC bits; 0: no CRC
 P_INIT = 1
 P_XOR = 2
 P_REFLECTED = 3
@@ -50,7 +50,12 @@ P_MODE = 11  # index into DATA_ID_MODES
 P_POSITION = 12  # index into DATA_ID_POSITIONS
 P_FROM_LIST = 13  # 1: the data ID byte comes from the list, chosen by the counter
 P_NIBBLE_BIT = 14  # -1: no nibble in the frame
-P_COLUMNS = 15
+P_ON = 15  # 1: protected
+P_COUNTER_BIG_ENDIAN = 16
+P_FIRST = 17  # first byte that the CRC covers
+P_END = 18  # byte after the last; -1: the message's end
+P_OWN_AS_ZERO = 19  # 1: the CRC's own bytes count as zero, else they are left out
+P_COLUMNS = 20
 
 _ALTERNATING = DATA_ID_MODES.index("alternating")
 _LOW = DATA_ID_MODES.index("low")
@@ -98,10 +103,16 @@ def build_protection(specs: Sequence[ProtectionSpec | None]) -> Protection:
             spec.profile in ("P02", "P22")
             or (spec.profile == "custom" and bool(spec.data_id_list)),
             spec.nibble_bit if spec.sends_nibble else -1,
+            1,
+            spec.is_counter_big_endian,
+            crc.first_byte,
+            crc.last_byte + 1 if crc.last_byte >= 0 else -1,
+            crc.own_as_zero,
         ]
         if spec.data_id_list:
             data_ids[row] = spec.data_id_list
-        tables[row] = crc_table(crc.width, crc.polynomial, crc.reflected)
+        if crc.width:
+            tables[row] = crc_table(crc.width, crc.polynomial, crc.reflected)
     return Protection(layout, data_ids, tables)
 
 
@@ -114,25 +125,30 @@ def _position(spec: ProtectionSpec) -> Any:
 
 
 @kernel
-def read_bits(data: np.ndarray, first: int, count: int) -> Any:
-    """Return ``count`` bits from bit ``first`` upward (little-endian numbering) as an integer."""
+def read_bits(data: np.ndarray, first: int, count: int, big_endian: int) -> Any:
+    """Return ``count`` bits from bit ``first`` (``8 * byte + bit``) upward as an integer.
+
+    Above a byte's bit 7 comes bit 0 of the next byte, of the previous one where ``big_endian``.
+    """
     value: Any = 0
+    bit: Any = first
     for n in range(count):
-        bit = first + n
         value |= ((np.int64(data[bit >> 3]) >> (bit & 7)) & 1) << n
+        bit += -15 if big_endian != 0 and bit & 7 == 7 else 1
     return value
 
 
 @kernel
-def write_bits(data: np.ndarray, first: int, count: int, value: int) -> None:
-    """Write the low ``count`` bits of ``value`` from bit ``first`` upward, leaving all others."""
+def write_bits(data: np.ndarray, first: int, count: int, big_endian: int, value: int) -> None:
+    """Write the low ``count`` bits of ``value`` as :func:`read_bits` reads them, leaving all others."""
+    bit: Any = first
     for n in range(count):
-        bit = first + n
         mask = 1 << (bit & 7)
         byte: Any = np.int64(data[bit >> 3]) & (255 - mask)
         if (value >> n) & 1 != 0:
             byte |= mask
         data[bit >> 3] = byte
+        bit += -15 if big_endian != 0 and bit & 7 == 7 else 1
 
 
 @kernel
@@ -167,9 +183,12 @@ def _compute_crc(
         crc = _add_data_id(protection, message, width, reflected, crc, counter)
     own = layout[P_CRC_BYTE]
     own_end = own + (width >> 3)
-    for n in range(length):
+    end = length if layout[P_END] < 0 else layout[P_END]
+    for n in range(layout[P_FIRST], end):
         if n < own or n >= own_end:
             crc = crc_update(table, width, reflected, crc, np.int64(data[n]))
+        elif layout[P_OWN_AS_ZERO] != 0:
+            crc = crc_update(table, width, reflected, crc, 0)
     if layout[P_POSITION] == _SUFFIX:
         crc = _add_data_id(protection, message, width, reflected, crc, counter)
     return crc ^ layout[P_XOR]
@@ -184,13 +203,16 @@ def protect(
     Does nothing to an unprotected message.  ``data``: uint8, at least ``length`` long.
     """
     layout = protection.layout[message]
+    if layout[P_ON] == 0:
+        return
+    counter = counter % layout[P_MODULUS]
+    big_endian = layout[P_COUNTER_BIG_ENDIAN]
+    write_bits(data, layout[P_COUNTER_BIT], layout[P_COUNTER_BITS], big_endian, counter)
+    if layout[P_NIBBLE_BIT] >= 0:
+        write_bits(data, layout[P_NIBBLE_BIT], 4, 0, (layout[P_ID] >> 8) & 0xF)
     width = layout[P_WIDTH]
     if width == 0:
         return
-    counter = counter % layout[P_MODULUS]
-    write_bits(data, layout[P_COUNTER_BIT], layout[P_COUNTER_BITS], counter)
-    if layout[P_NIBBLE_BIT] >= 0:
-        write_bits(data, layout[P_NIBBLE_BIT], 4, (layout[P_ID] >> 8) & 0xF)
     crc = _compute_crc(protection, message, data, length, counter)
     own = layout[P_CRC_BYTE]
     if width == 8:
@@ -204,6 +226,18 @@ def protect(
 
 
 @kernel
+def _read_crc(layout: np.ndarray, data: np.ndarray) -> Any:
+    own = layout[P_CRC_BYTE]
+    received: Any = np.int64(data[own])
+    if layout[P_WIDTH] == 8:
+        return received
+    second: Any = np.int64(data[own + 1])
+    if layout[P_BIG_ENDIAN] != 0:
+        return (received << 8) | second
+    return received | (second << 8)
+
+
+@kernel
 def check(
     protection: Protection, message: int, data: np.ndarray, length: int, counter_state: np.ndarray
 ) -> Any:
@@ -213,31 +247,28 @@ def check(
     unprotected message is always OK.
     """
     layout = protection.layout[message]
-    width = layout[P_WIDTH]
-    if width == 0:
+    if layout[P_ON] == 0:
         return OK
-    counter = read_bits(data, layout[P_COUNTER_BIT], layout[P_COUNTER_BITS])
+    big_endian = layout[P_COUNTER_BIG_ENDIAN]
+    counter = read_bits(data, layout[P_COUNTER_BIT], layout[P_COUNTER_BITS], big_endian)
     modulus = layout[P_MODULUS]
     if counter >= modulus:
         return CRC_WRONG
     if layout[P_NIBBLE_BIT] >= 0 and (
-        read_bits(data, layout[P_NIBBLE_BIT], 4) != (layout[P_ID] >> 8) & 0xF
+        read_bits(data, layout[P_NIBBLE_BIT], 4, 0) != (layout[P_ID] >> 8) & 0xF
     ):
         return CRC_WRONG
-    own = layout[P_CRC_BYTE]
-    received: Any = np.int64(data[own])
-    if width == 16:
-        second: Any = np.int64(data[own + 1])
-        if layout[P_BIG_ENDIAN] != 0:
-            received = (received << 8) | second
-        else:
-            received = received | (second << 8)
-    if received != _compute_crc(protection, message, data, length, counter):
+    width = layout[P_WIDTH]
+    if width != 0 and _read_crc(layout, data) != _compute_crc(
+        protection, message, data, length, counter
+    ):
         return CRC_WRONG
     last = counter_state[0]
     counter_state[0] = counter
     if last == NEVER:
         return FIRST
+    if layout[P_COUNTER_BITS] == 0:
+        return OK
     step = (counter - last) % modulus
     if step == 0:
         return COUNTER_REPEATED

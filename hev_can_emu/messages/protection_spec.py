@@ -18,7 +18,11 @@ _MODES_OF = {"P01": DATA_ID_MODES, "P11": ("both", "nibble"), "custom": DATA_ID_
 
 
 class CrcSpec(msgspec.Struct, frozen=True, kw_only=True):
-    """A cyclic redundancy check of 8 or 16 bits; ``polynomial`` without its leading one."""
+    """A cyclic redundancy check of 8 or 16 bits; ``polynomial`` without its leading one.
+
+    ``width`` 0 stands for no check code.  The code covers the bytes ``first_byte`` to ``last_byte`` (-1:
+    the message's last) without its own, which count as zero where ``own_as_zero``.
+    """
 
     width: int = 8
     polynomial: int = 0x1D
@@ -26,10 +30,18 @@ class CrcSpec(msgspec.Struct, frozen=True, kw_only=True):
     xor: int = 0
     reflected: bool = False
     big_endian: bool = False
+    first_byte: int = 0
+    last_byte: int = -1
+    own_as_zero: bool = False
 
     def __post_init__(self) -> None:
-        if self.width not in (8, 16):
-            raise ValueError(f"expected a CRC width of 8 or 16, got {self.width}")
+        if self.width not in (0, 8, 16):
+            raise ValueError(f"expected a CRC width of 8, 16 or 0 (none), got {self.width}")
+        if self.first_byte < 0 or -1 < self.last_byte < self.first_byte or self.last_byte < -1:
+            got = f"{self.first_byte} to {self.last_byte}"
+            raise ValueError(f"expected a CRC over bytes in rising order, got {got}")
+        if self.width == 0:
+            return
         for name in ("polynomial", "init", "xor"):
             value = getattr(self, name)
             if not 0 <= value < 1 << self.width:
@@ -49,7 +61,8 @@ class ProtectionSpec(msgspec.Struct, frozen=True, kw_only=True):
     """How one message is protected; see docs/protection.md for each field's meaning.
 
     Offsets are bit numbers counted as in little-endian signals; -1 stands for the profile's own place.
-    ``crc``, ``counter_length``, ``counter_max`` and ``data_id_position`` count for ``custom`` only.
+    ``crc``, ``counter_length`` (0: no counter), ``counter_max``, ``counter_big_endian`` and
+    ``data_id_position`` count for ``custom`` only.
 
     Raises:
         ValueError: for a combination that the profile does not know.
@@ -66,6 +79,7 @@ class ProtectionSpec(msgspec.Struct, frozen=True, kw_only=True):
     crc: CrcSpec = CrcSpec()
     counter_length: int = 4
     counter_max: int = -1
+    counter_big_endian: bool = False
     data_id_position: DataIdPosition = "none"
 
     def __post_init__(self) -> None:
@@ -94,17 +108,7 @@ class ProtectionSpec(msgspec.Struct, frozen=True, kw_only=True):
             )
         if self.profile == "P02" and self.crc_offset > 0:
             raise ValueError(f"expected the CRC of P02 in byte 0, got bit {self.crc_offset}")
-        if not 1 <= self.counter_length <= 16:
-            raise ValueError(f"expected a counter of 1 to 16 bits, got {self.counter_length}")
-        if self.counter_max >= 1 << self.counter_length:
-            raise ValueError(
-                f"expected a largest counter of {self.counter_length} bits, got {self.counter_max}"
-            )
-        if not 1 <= self.max_delta_counter < self.counter_modulus:
-            raise ValueError(
-                f"expected a largest counter step of 1 to {self.counter_modulus - 1}, "
-                f"got {self.max_delta_counter}"
-            )
+        self._check_counter()
         if self.profile in ("P02", "P05", "P22") and self.counter_offset not in (
             -1,
             self.counter_bit,
@@ -119,17 +123,44 @@ class ProtectionSpec(msgspec.Struct, frozen=True, kw_only=True):
                 if bits & other_bits:
                     raise ValueError(f"expected {name} and {other} apart, got common bits")
 
+    def _check_counter(self) -> None:
+        if not 0 <= self.counter_length <= 16:
+            raise ValueError(f"expected a counter of 0 to 16 bits, got {self.counter_length}")
+        if self.counter_bits == 0:
+            if self.effective_crc.width == 0:
+                raise ValueError("expected a counter or a CRC, got neither")
+            if self.data_id_list or self.data_id_mode == "alternating":
+                raise ValueError("expected a counter that chooses the data ID's byte, got none")
+            return
+        if self.counter_max >= 1 << self.counter_length:
+            raise ValueError(
+                f"expected a largest counter of {self.counter_length} bits, got {self.counter_max}"
+            )
+        if not 1 <= self.max_delta_counter < self.counter_modulus:
+            raise ValueError(
+                f"expected a largest counter step of 1 to {self.counter_modulus - 1}, "
+                f"got {self.max_delta_counter}"
+            )
+
     def _spans(self) -> list[tuple[str, frozenset[int]]]:
         def span(first: int, length: int) -> frozenset[int]:
             return frozenset(range(first, first + length))
 
         spans = [
             ("CRC", span(self.crc_bit, self.effective_crc.width)),
-            ("counter", span(self.counter_bit, self.counter_bits)),
+            ("counter", frozenset(self.counter_places())),
         ]
         if self.sends_nibble:
             spans.append(("data ID nibble", span(self.nibble_bit, 4)))
         return spans
+
+    def counter_places(self) -> list[int]:
+        """Return the counter's bits, the least significant first, numbered ``8 * byte + bit``."""
+        places, bit = [], self.counter_bit
+        for _ in range(self.counter_bits):
+            places.append(bit)
+            bit += -15 if self.is_counter_big_endian and bit % 8 == 7 else 1
+        return places
 
     @property
     def effective_crc(self) -> CrcSpec:
@@ -168,6 +199,11 @@ class ProtectionSpec(msgspec.Struct, frozen=True, kw_only=True):
         return 8 if self.profile == "P05" else 4
 
     @property
+    def is_counter_big_endian(self) -> bool:
+        """Whether the counter's higher bits go on in the byte before."""
+        return self.profile == "custom" and self.counter_big_endian
+
+    @property
     def counter_modulus(self) -> int:
         """Number of values that the counter takes."""
         if self.profile in ("P01", "P11"):
@@ -182,8 +218,16 @@ class ProtectionSpec(msgspec.Struct, frozen=True, kw_only=True):
 
     def check_length(self, length: int) -> None:
         """Raise ValueError where a message of ``length`` bytes has no room for CRC and counter."""
-        last = max(self.bits())
-        if last >= 8 * length:
+        bits = self.bits()
+        if min(bits) < 0:
+            raise ValueError("expected a counter inside the message, got one that begins before it")
+        if max(bits) >= 8 * length:
             raise ValueError(
-                f"expected CRC and counter inside {length} bytes, got bit {last} beyond them"
+                f"expected CRC and counter inside {length} bytes, got bit {max(bits)} beyond them"
+            )
+        crc = self.effective_crc
+        if max(crc.first_byte, crc.last_byte) >= length:
+            raise ValueError(
+                f"expected a CRC over some of {length} bytes, got byte "
+                f"{max(crc.first_byte, crc.last_byte)}"
             )

@@ -46,7 +46,7 @@ from hev_can_emu.messages.protection import (
     NEVER,
     OFF,
     OK,
-    P_WIDTH,
+    P_ON,
     Protection,
     check,
     is_accepted,
@@ -114,7 +114,7 @@ def write_frame(
     saturated = encode(codec, message, values, data, on_bus_values)
     for n in range(row[M_WIRE_LENGTH], 64):
         data[n] = 0
-    if protection.layout[message, P_WIDTH] != 0:
+    if protection.layout[message, P_ON] != 0:
         protect(protection, message, data, row[M_LENGTH], counter)
         signals = codec.signals
         for s in range(row[M_FIRST], row[M_FIRST] + row[M_COUNT]):

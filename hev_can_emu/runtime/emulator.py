@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from hev_can_emu.ecu import control, ports, supervision
 from hev_can_emu.ecu.bindings import resolve
+from hev_can_emu.ecu.network import complete
 from hev_can_emu.ecu.ties import (
     OWNER_EMULATED,
     OWNER_EXTERNAL,
@@ -94,7 +95,7 @@ class Emulator:
         self.vehicle_name = vehicle.name
         self.provenance = vehicle.provenance
         dbc, document, bindings = network_files(self.setup)
-        self.database: Database = load_database(dbc)
+        self.database: Database = complete(bindings, load_database(dbc), document.where)
         ties = resolve(bindings, self.database, document.where)
         self.node_names = tuple(bindings.nodes)
         structure = driveline_structure(parameters, self.setup.model, self.setup.reduction)

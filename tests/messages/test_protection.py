@@ -4,7 +4,7 @@ import e2e
 import numpy as np
 import pytest
 from e2e import p01, p02, p05, p11
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from hev_can_emu.messages.crc import crc_table, crc_update
@@ -165,6 +165,108 @@ def test_agrees_with_autosar_e2e(spec: ProtectionSpec, data: bytes, counter: int
     assert bytes(ours).hex() == theirs.hex()
 
 
+def plainly(spec: ProtectionSpec, data: bytes, counter: int) -> bytes:
+    """Protect as the page says it, bit by bit and without any table."""
+    out = bytearray(data)
+    for n, place in enumerate(spec.counter_places()):
+        byte, bit = divmod(place, 8)
+        out[byte] = out[byte] & ~(1 << bit) | (counter >> n & 1) << bit
+    crc, width = spec.crc, spec.crc.width
+    if width == 0:
+        return bytes(out)
+    own = range(spec.crc_bit // 8, spec.crc_bit // 8 + width // 8)
+    last = len(data) - 1 if crc.last_byte < 0 else crc.last_byte
+    covered = [
+        0 if n in own else out[n]
+        for n in range(crc.first_byte, last + 1)
+        if n not in own or crc.own_as_zero
+    ]
+    low, high = spec.data_id & 0xFF, spec.data_id >> 8
+    if spec.data_id_list:
+        code = [spec.data_id_list[counter % 16]]
+    else:
+        code = {
+            "both": [low, high],
+            "low": [low],
+            "nibble": [low, 0],
+            "alternating": [high if counter % 2 else low],
+        }[spec.data_id_mode]
+    before = code if spec.data_id_position == "prefix" else []
+    after = code if spec.data_id_position == "suffix" else []
+    register = crc.init
+    for byte in (*before, *covered, *after):
+        for n in range(8):
+            # Reflected: the mirrored register, bits entering least significant first.
+            bit = byte >> n & 1 if crc.reflected else byte >> (7 - n) & 1
+            if crc.reflected:
+                mirrored = int(f"{crc.polynomial:0{width}b}"[::-1], 2)
+                register = register >> 1 ^ (mirrored if (register ^ bit) & 1 else 0)
+            else:
+                top = register >> (width - 1) & 1
+                register = (register << 1 & (1 << width) - 1) ^ (crc.polynomial if top ^ bit else 0)
+    register ^= crc.xor
+    order = "big" if crc.big_endian and width == 16 else "little"
+    out[own.start : own.stop] = register.to_bytes(width // 8, order)
+    return bytes(out)
+
+
+@st.composite
+def custom_specs(draw) -> tuple[ProtectionSpec, int]:
+    """Return a custom protection of any layout, and the length of a message that holds it."""
+    length = draw(st.integers(4, 64))
+    width = draw(st.sampled_from([0, 8, 16]))
+    bits = draw(st.integers(0 if width else 1, 16))
+    high = draw(st.booleans())
+    word = st.integers(0, (1 << width) - 1)
+    first = draw(st.integers(0, length - 1))
+    ids = draw(st.sampled_from([(), tuple(range(3, 19))])) if bits else ()
+    fields = {
+        "profile": "custom",
+        "crc": CrcSpec(
+            width=width,
+            polynomial=draw(word) if width else 0,
+            init=draw(word) if width else 0,
+            xor=draw(word) if width else 0,
+            reflected=draw(st.booleans()),
+            big_endian=draw(st.booleans()),
+            first_byte=first,
+            last_byte=draw(st.sampled_from([-1, first, length - 1])),
+            own_as_zero=draw(st.booleans()),
+        ),
+        "data_id": draw(st.integers(0, 0xFFFF)),
+        "data_id_mode": draw(st.sampled_from(["both", "low", "nibble"] + ["alternating"] * (bits > 0))),
+        "data_id_list": ids,
+        "data_id_position": draw(st.sampled_from(["none", "prefix", "suffix"])),
+        "crc_offset": 8 * draw(st.integers(0, length - 2)),
+        "counter_offset": draw(st.integers(0, 8 * length - 1)),
+        "counter_length": bits,
+        "counter_big_endian": high,
+        "counter_max": draw(st.sampled_from([-1, (1 << bits) - 2])) if bits > 2 else -1,
+    }  # fmt: skip
+    try:
+        spec = ProtectionSpec(**fields)
+        spec.check_length(length)
+    except ValueError:
+        assume(False)
+    return spec, length
+
+
+@settings(max_examples=300)
+@given(made=custom_specs(), seed=st.randoms(use_true_random=False))
+def test_any_layout_against_a_plain_reading_of_the_page(made, seed) -> None:
+    spec, length = made
+    data, counter = seed.randbytes(length), seed.randrange(spec.counter_modulus)
+    table = build_protection([spec])
+    ours = np.frombuffer(data, dtype=np.uint8).copy()
+    protect(table, 0, ours, length, counter)
+    assert bytes(ours).hex() == plainly(spec, data, counter).hex()
+    state = np.array([NEVER], dtype=np.int64)
+    assert check(table, 0, ours, length, state) == FIRST
+    assert state[0] == counter
+    protect(table, 0, ours, length, counter + 1)
+    assert check(table, 0, ours, length, state) == OK
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_receiver_follows_the_counter(name: str) -> None:
     row, spec = NAMES.index(name), SPECS[name]
@@ -265,6 +367,14 @@ def test_what_is_accepted() -> None:
             "expected the counter of P05 at bit 16, got 4",
         ),
         (
+            {"profile": "custom", "crc": CrcSpec(width=0), "counter_length": 0},
+            "expected a counter or a CRC, got neither",
+        ),
+        (
+            {"profile": "custom", "counter_length": 0, "data_id_mode": "alternating"},
+            "expected a counter that chooses the data ID's byte, got none",
+        ),
+        (
             {"profile": "P11", "max_delta_counter": 15},
             "expected a largest counter step of 1 to 14, got 15",
         ),
@@ -280,3 +390,10 @@ def test_a_message_must_have_room() -> None:
     with pytest.raises(ValueError, match="got bit 11 beyond them"):
         ProtectionSpec(profile="P11").check_length(1)
     ProtectionSpec(profile="P11").check_length(2)
+    with pytest.raises(ValueError, match="got byte 9"):
+        ProtectionSpec(profile="custom", crc=CrcSpec(last_byte=9)).check_length(8)
+    with pytest.raises(ValueError, match="got one that begins before it"):
+        ProtectionSpec(
+            profile="custom", crc_offset=8, counter_offset=4, counter_length=8,
+            counter_big_endian=True,
+        ).check_length(8)  # fmt: skip
