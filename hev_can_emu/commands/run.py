@@ -8,6 +8,7 @@ import time
 from typing import TYPE_CHECKING
 
 from hev_can_emu.commands._live import LiveLine
+from hev_can_emu.commands._mqtt import add_mqtt_arguments, publisher_maker
 from hev_can_emu.commands._options import add_setup_arguments, make_setup, seconds
 
 if TYPE_CHECKING:
@@ -36,18 +37,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="record frames: .log, .blf or .asc",
     )
     add_setup_arguments(parser)
+    add_mqtt_arguments(parser)
 
 
 def execute(arguments: argparse.Namespace) -> int:
     """Run until told to stop; returns the exit code."""
     setup = make_setup(arguments)
     setup.check()
+    make_publisher = publisher_maker(arguments)
     # After the options: what follows takes a second to import.
     import asyncio
 
     from hev_can_emu.bus.open import open_bus
     from hev_can_emu.commands._compiling import ready_emulator
-    from hev_can_emu.runtime.service import Service
+    from hev_can_emu.runtime.service import Service, Watcher
     from hev_can_emu.telemetry.recorder import check_path, open_recorder
 
     # What can be told at once is told before anything is compiled or written.
@@ -58,6 +61,16 @@ def execute(arguments: argparse.Namespace) -> int:
     epoch_ns = time.time_ns()
     recorders = [open_recorder(path, epoch_ns=epoch_ns) for path in arguments.record]
     line = StatusLine(emulator)
+    publisher = None if make_publisher is None else make_publisher(emulator, epoch_ns)
+    watchers = []
+    if publisher is not None:
+        publisher.link.start()
+        watchers.append(Watcher("mqtt", publisher.period_s, publisher.sample))
+
+    def tell(event: Event) -> None:
+        line.event(event)
+        if publisher is not None:
+            publisher.event(event)
 
     async def serve() -> Service:
         service = Service(
@@ -67,7 +80,8 @@ def execute(arguments: argparse.Namespace) -> int:
             duration_ns=None if arguments.duration is None else round(arguments.duration * 1e9),
             on_ready=line.ready,
             on_status=line.status,
-            on_event=line.event,
+            on_event=tell,
+            watchers=watchers,
         )
         try:
             await service.run()
@@ -82,6 +96,8 @@ def execute(arguments: argparse.Namespace) -> int:
         service = asyncio.run(serve())
     finally:
         line.end()
+        if publisher is not None:
+            publisher.link.stop()
     print_statistics(service)
     return 0
 

@@ -19,6 +19,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -37,6 +38,14 @@ SWITCH_S = 2e-4  #: how long another thread may keep the tick waiting for the in
 LATE_TICKS = 3  #: from here on a late loop reads its sockets before it catches up
 
 
+class Watcher(NamedTuple):
+    """Something done now and then beside the ticks; ``look`` must return at once."""
+
+    name: str
+    period_s: float
+    look: Callable[[], None]
+
+
 class Service:
     """Runs an emulator on a bus until told to stop.
 
@@ -49,6 +58,7 @@ class Service:
         on_ready: called once the bus is open.
         on_status: called about five times a second.
         on_event: called with each event and each notice of the bus.
+        watchers: run as tasks beside the ticks.
     """
 
     def __init__(
@@ -61,6 +71,7 @@ class Service:
         on_ready: Callable[[Bus], None] | None = None,
         on_status: Callable[[Statistics], None] | None = None,
         on_event: Callable[[Event], None] | None = None,
+        watchers: Sequence[Watcher] = (),
     ) -> None:
         self.emulator = emulator
         self.statistics = Statistics()
@@ -72,6 +83,7 @@ class Service:
         self._on_ready = on_ready
         self._on_status = on_status
         self._on_event = on_event
+        self._watchers = watchers
         self._start_ns = time.monotonic_ns()
         self.bus = make_bus(self._now_ns)
         self._received = make_frames(RECEIVE_FRAMES)
@@ -105,9 +117,14 @@ class Service:
                 if self._on_ready is not None:
                     self._on_ready(self.bus)
                 async with asyncio.TaskGroup() as tasks:
-                    reporter = tasks.create_task(self._report(), name="status")
+                    beside = [tasks.create_task(self._report(), name="status")]
+                    beside += [
+                        tasks.create_task(_watch(watcher), name=watcher.name)
+                        for watcher in self._watchers
+                    ]
                     await self._tick_until_stopped()
-                    reporter.cancel()
+                    for task in beside:
+                        task.cancel()
         if self._failure is not None:
             raise self._failure
 
@@ -259,3 +276,9 @@ class Service:
             self._on_event(event)
         for notice in self.bus.take_notices():
             self._on_event(Event(self.emulator.now_ns, "bus", notice, 0, 0.0))
+
+
+async def _watch(watcher: Watcher) -> None:
+    while True:
+        await asyncio.sleep(watcher.period_s)
+        watcher.look()
