@@ -2,8 +2,8 @@
 
 Paths, data types and units are those of VSS 6 (Vehicle.Powertrain, Vehicle.Chassis, ...).  What VSS has
 no name for is an *overlay*: EM1 and EM2 become the instances ``EM1`` and ``EM2`` of
-``Vehicle.Powertrain.ElectricMotor`` (VSS knows places such as ``Front`` and ``Rear``, while both motors sit in
-one gearbox here), and what it lacks altogether stands under ``Vehicle.Powertrain.HEV``.  The sources
+``Vehicle.Powertrain.ElectricMotor`` (VSS knows places such as ``Front`` and ``Rear``, while both motors
+sit in one gearbox here), and what it lacks altogether stands under ``Vehicle.Powertrain.HEV``.  The sources
 are the statuses of the emulated control units, in SI; this module knows them by name only.
 """
 

@@ -65,7 +65,7 @@ def test_bad_vins_and_certificates(tmp_path: Path) -> None:
         parse("mqtt://a", vin="TOO/SHORT")
     with pytest.raises(InputError, match="--mqtt-ca: expected mqtts"):
         parse("mqtt://a", ca="ca.pem")
-    with pytest.raises(InputError, match="got 'none.pem'; no such file"):
+    with pytest.raises(InputError, match=r"got 'none\.pem'; no such file"):
         parse("mqtts://a", ca="none.pem")
     junk = tmp_path / "junk.pem"
     junk.write_text("no certificate")

@@ -200,9 +200,8 @@ def test_tls_and_password(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
         with link(parse_address(text, environment=right)) as it:
             eventually(lambda: any("certificate" in each for each in it.take_notices()))
             assert it.counters.connections == 0
-        del it
-        with warnings.catch_warnings(action="ignore"):
-            gc.collect()  # paho leaves the socket of a failed handshake to the collector
+    with warnings.catch_warnings(action="ignore"):
+        gc.collect()  # paho leaves the socket of a failed handshake to the collector
 
 
 def test_the_embedded_broker_serves_and_a_taken_port_is_told() -> None:
