@@ -1,17 +1,16 @@
-"""Options of MQTT, and the publisher that comes of them; nothing of MQTT is imported without them."""
+"""Options of MQTT, and the link that comes of them; nothing of MQTT is imported without them."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from hev_can_emu.errors import InputError
 
 if TYPE_CHECKING:
     from hev_can_emu.runtime.emulator import Emulator
-    from hev_can_emu.runtime.publishing import Publisher
     from hev_can_emu.telemetry.mqtt_address import Address
+    from hev_can_emu.telemetry.mqtt_link import Link
 
 _OPTIONS = ("mqtt_ca", "mqtt_rate", "vin", "mqtt_commands")
 
@@ -53,21 +52,23 @@ def mqtt_address(arguments: argparse.Namespace) -> Address | None:
     return address
 
 
-def publisher_maker(
-    arguments: argparse.Namespace,
-) -> Callable[[Emulator, int], Publisher] | None:
-    """Return what makes a publisher from an emulator and its epoch (ns), None without ``--mqtt``."""
+def start_link(arguments: argparse.Namespace, emulator: Emulator) -> Link | None:
+    """Return a link that has begun to connect, None without ``--mqtt``; raises HevError."""
     address = mqtt_address(arguments)
     if address is None:
         return None
-    period_s = 1.0 / _rate(arguments)
+    from hev_can_emu.runtime.publishing import open_link
 
-    def make(emulator: Emulator, epoch_ns: int) -> Publisher:
-        from hev_can_emu.runtime.publishing import Publisher, Rates
+    link = open_link(address, emulator, period_s(arguments), arguments.mqtt_commands)
+    link.start()
+    if address.embedded:
+        print(f"MQTT broker on {address.describe()}, topics under {address.root}/")
+    return link
 
-        return Publisher(emulator, address, epoch_ns, Rates(period_s), arguments.mqtt_commands)
 
-    return make
+def period_s(arguments: argparse.Namespace) -> float:
+    """Return the least time between two values of a signal, s."""
+    return 1.0 / _rate(arguments)
 
 
 def _rate(arguments: argparse.Namespace) -> float:
@@ -81,3 +82,12 @@ def _rate(arguments: argparse.Namespace) -> float:
     if not 0.01 <= value <= 100.0:
         raise InputError("--mqtt-rate", "a number from 0.01 to 100 (Hz)", f"'{text}'")
     return value
+
+
+def print_counters(link: Link) -> None:
+    """Print what went to the broker and what did not."""
+    counters = link.counters
+    print(
+        f"MQTT: {counters.sent} sent, {counters.replaced} values replaced by newer ones, "
+        f"{counters.dropped} events given up, {counters.connections} connections"
+    )

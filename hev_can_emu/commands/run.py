@@ -8,7 +8,13 @@ import time
 from typing import TYPE_CHECKING
 
 from hev_can_emu.commands._live import LiveLine
-from hev_can_emu.commands._mqtt import add_mqtt_arguments, publisher_maker
+from hev_can_emu.commands._mqtt import (
+    add_mqtt_arguments,
+    mqtt_address,
+    period_s,
+    print_counters,
+    start_link,
+)
 from hev_can_emu.commands._options import add_setup_arguments, make_setup, seconds
 
 if TYPE_CHECKING:
@@ -44,12 +50,14 @@ def execute(arguments: argparse.Namespace) -> int:
     """Run until told to stop; returns the exit code."""
     setup = make_setup(arguments)
     setup.check()
-    make_publisher = publisher_maker(arguments)
+    mqtt_address(arguments)  # told at once if it cannot be one
     # After the options: what follows takes a second to import.
     import asyncio
 
     from hev_can_emu.bus.open import open_bus
     from hev_can_emu.commands._compiling import ready_emulator
+    from hev_can_emu.runtime.emulator import Event
+    from hev_can_emu.runtime.remote import Remote
     from hev_can_emu.runtime.service import Service, Watcher
     from hev_can_emu.telemetry.recorder import check_path, open_recorder
 
@@ -61,16 +69,23 @@ def execute(arguments: argparse.Namespace) -> int:
     epoch_ns = time.time_ns()
     recorders = [open_recorder(path, epoch_ns=epoch_ns) for path in arguments.record]
     line = StatusLine(emulator)
-    publisher = None if make_publisher is None else make_publisher(emulator, epoch_ns)
+    link = start_link(arguments, emulator)
+    remote = None if link is None else Remote(emulator, link, epoch_ns)
     watchers = []
-    if publisher is not None:
-        publisher.link.start()
-        watchers.append(Watcher("mqtt", publisher.period_s, publisher.sample))
 
     def tell(event: Event) -> None:
         line.event(event)
-        if publisher is not None:
-            publisher.event(event)
+        if remote is not None:
+            remote.publisher.event(event)
+
+    def look_at_mqtt() -> None:
+        if link is not None and remote is not None:
+            remote.look()
+            for notice in link.take_notices():
+                line.event(Event(emulator.now_ns, "mqtt", notice, 0, 0.0))
+
+    if link is not None:
+        watchers.append(Watcher("mqtt", min(period_s(arguments), 0.1), look_at_mqtt))
 
     async def serve() -> Service:
         service = Service(
@@ -96,9 +111,11 @@ def execute(arguments: argparse.Namespace) -> int:
         service = asyncio.run(serve())
     finally:
         line.end()
-        if publisher is not None:
-            publisher.link.stop()
+        if link is not None:
+            link.stop()
     print_statistics(service)
+    if link is not None:
+        print_counters(link)
     return 0
 
 

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from importlib.metadata import version
-from typing import Any, NamedTuple
+from typing import Any
 
 from hev_can_emu.ecu.ports import STATUSES
 from hev_can_emu.runtime.emulator import Emulator, Event
+from hev_can_emu.runtime.playing import RunResult
 from hev_can_emu.scenario.verdict import Verdict
 from hev_can_emu.telemetry.mqtt_address import Address
-from hev_can_emu.telemetry.mqtt_feed import Epoch, Feed
+from hev_can_emu.telemetry.mqtt_feed import Feed, rfc3339
 from hev_can_emu.telemetry.mqtt_link import Link
 from hev_can_emu.telemetry.vss import LEAVES
 
@@ -27,10 +30,27 @@ _TOPICS = {
 }
 
 
-class Rates(NamedTuple):
-    """``period_s``: least time between two values of a signal, s."""
+def open_link(address: Address, emulator: Emulator, period_s: float, commands: bool) -> Link:
+    """Return a link that tells the statuses of cars like ``emulator``; not yet started.
 
-    period_s: float = 0.2
+    Args:
+        address: of the broker.
+        emulator: the car that the retained status names.
+        period_s: least time between two values of a signal, s.
+        commands: whether requests are taken.
+    """
+    names = tuple(port.name for port in STATUSES)
+    setup = emulator.setup
+    status: dict[str, Any] = {
+        "version": version("hev-can-emu"),
+        "vss": "6.0",
+        "vehicle": emulator.vehicle_name,
+        "model": setup.model,
+        "protection": setup.protection,
+        "commands": commands,
+        "since": rfc3339(time.time_ns()),
+    }
+    return Link(address, Feed(LEAVES, names, period_s, REFRESH_S), status, commands)
 
 
 class Publisher:
@@ -38,42 +58,22 @@ class Publisher:
 
     Args:
         emulator: the car.
-        address: of the broker.
-        epoch_ns: Unix time of the car's time zero, ns.
-        rates: how often signals are told.
-        commands: whether requests are taken.
+        link: where to.
+        epoch_ns: Unix time of the car's time zero, ns; None in virtual time, whose dates are those at
+            which things are told.
     """
 
-    def __init__(
-        self,
-        emulator: Emulator,
-        address: Address,
-        epoch_ns: int,
-        rates: Rates | None = None,
-        commands: bool = False,
-    ) -> None:
-        rates = rates or Rates()
-        self.emulator = emulator
-        self.epoch = Epoch(epoch_ns)
-        self.period_s = rates.period_s
-        names = tuple(port.name for port in STATUSES)
-        feed = Feed(LEAVES, names, self.epoch, rates.period_s, REFRESH_S)
-        setup = emulator.setup
-        status: dict[str, Any] = {
-            "version": version("hev-can-emu"),
-            "vss": "6.0",
-            "vehicle": emulator.vehicle_name,
-            "model": setup.model,
-            "protection": setup.protection,
-            "commands": commands,
-            "since": self.epoch.stamp(emulator.now_ns).timestamp,
-        }
-        self.link = Link(address, feed, status, commands)
+    def __init__(self, emulator: Emulator, link: Link, epoch_ns: int | None) -> None:
+        self._emulator = emulator
+        self._link = link
+        self._date: Callable[[int], int] = (
+            (lambda t_ns: epoch_ns + t_ns) if epoch_ns is not None else (lambda _: time.time_ns())
+        )
 
     def sample(self) -> None:
         """Leave the statuses as they are now."""
-        emulator = self.emulator
-        self.link.offer(emulator.state.statuses.copy(), emulator.now_ns)
+        now_ns = self._emulator.now_ns
+        self._link.offer(self._emulator.state.statuses.copy(), now_ns, self._date(now_ns))
 
     def event(self, event: Event) -> None:
         """Leave an event."""
@@ -83,35 +83,39 @@ class Publisher:
             "number": event.number,
             "value": event.value,
         }
-        self.link.happen(f"event/{_TOPICS.get(event.kind, event.kind)}", body)
-
-    def verdicts(self, name: str, outcome: str, verdicts: list[Verdict]) -> None:
-        """Leave how a scenario ended: each verdict, then the whole."""
-        for verdict in verdicts:
-            self.link.happen("scenario/verdict", {"scenario": name} | _told(verdict))
-        stamp = self._stamped(self.emulator.now_ns)
-        counts: dict[str, int] = {}
-        for verdict in verdicts:
-            word = verdict.outcome.name.lower()
-            counts[word] = counts.get(word, 0) + 1
-        body = stamp | {"scenario": name, "state": "ended", "outcome": outcome, "counts": counts}
-        self.link.happen("scenario/state", body)
+        self._link.happen(f"event/{_TOPICS.get(event.kind, event.kind)}", body)
 
     def began(self, name: str) -> None:
         """Leave that a scenario has begun."""
-        body = self._stamped(self.emulator.now_ns) | {"scenario": name, "state": "running"}
-        self.link.happen("scenario/state", body)
+        body = self._stamped(self._emulator.now_ns) | {"scenario": name, "state": "running"}
+        self._link.happen("scenario/state", body)
+
+    def ended(self, result: RunResult) -> None:
+        """Leave how a scenario ended: each verdict, then the whole."""
+        counts: dict[str, int] = {}
+        for verdict in result.verdicts:
+            self._link.happen("scenario/verdict", {"scenario": result.name} | _told(verdict))
+            word = verdict.outcome.value
+            counts[word] = counts.get(word, 0) + 1
+        body = self._stamped(self._emulator.now_ns) | {
+            "scenario": result.name,
+            "state": "ended",
+            "outcome": result.outcome.value,
+            "counts": counts,
+        }
+        if result.trace_hash:
+            body["trace_hash"] = result.trace_hash
+        self._link.happen("scenario/state", body)
 
     def _stamped(self, t_ns: int) -> dict[str, Any]:
-        stamp = self.epoch.stamp(t_ns)
-        return {"time": stamp.time, "timestamp": stamp.timestamp}
+        return {"time": round(t_ns * 1e-9, 6), "timestamp": rfc3339(self._date(t_ns))}
 
 
 def _told(verdict: Verdict) -> dict[str, Any]:
     fields = {
         "kind": verdict.kind,
         "name": verdict.name,
-        "outcome": verdict.outcome.name.lower(),
+        "outcome": verdict.outcome.value,
         "time": None if verdict.instant_ns is None else verdict.instant_ns * 1e-9,
         "expected": verdict.expected,
         "observed": verdict.observed,

@@ -15,28 +15,18 @@ from hev_can_emu.telemetry.vss import Leaf
 _UTC = datetime.UTC
 
 
-class Stamp(msgspec.Struct, frozen=True):
-    """An instant: ``time`` of the car, s since its start, and the same as a date (RFC 3339, UTC)."""
-
-    time: float
-    timestamp: str
-
-
-class Epoch:
-    """Turns the car's time into dates; ``epoch_ns`` is the Unix time of the car's time zero, ns."""
-
-    def __init__(self, epoch_ns: int) -> None:
-        self._epoch_ns = epoch_ns
-
-    def stamp(self, t_ns: int) -> Stamp:
-        """Return both clocks for a time of the car."""
-        whole, rest = divmod(self._epoch_ns + t_ns, 1_000_000_000)
-        date = datetime.datetime.fromtimestamp(whole, _UTC).replace(tzinfo=None)
-        return Stamp(t_ns * 1e-9, f"{date.isoformat()}.{rest // 1_000_000:03d}Z")
+def rfc3339(unix_ns: int) -> str:
+    """Return a Unix time in ns as a date, UTC, with milliseconds."""
+    whole, rest = divmod(unix_ns, 1_000_000_000)
+    date = datetime.datetime.fromtimestamp(whole, _UTC).replace(tzinfo=None)
+    return f"{date.isoformat()}.{rest // 1_000_000:03d}Z"
 
 
 class Reading(msgspec.Struct, frozen=True, omit_defaults=True):
-    """One signal's value: null while it is not available; ``unit`` where it has one."""
+    """One signal's value: null while it is not available; ``unit`` where it has one.
+
+    ``time`` is the car's, s since its start; ``timestamp`` the date.
+    """
 
     value: float | int | bool | str | None
     time: float
@@ -53,7 +43,6 @@ class Feed:
     Args:
         leaves: what to tell.
         names: of the statuses, in the order of the snapshots; leaves of others are never told.
-        epoch: for the dates.
         period_s: least time between two tellings of a signal, s; 0 tells every change.
         refresh_s: s.
     """
@@ -62,13 +51,11 @@ class Feed:
         self,
         leaves: Sequence[Leaf],
         names: Sequence[str],
-        epoch: Epoch,
         period_s: float,
         refresh_s: float,
     ) -> None:
         known = {name: index for index, name in enumerate(names)}
         self._leaves = [(leaf, known[leaf.source]) for leaf in leaves if leaf.source in known]
-        self._epoch = epoch
         self._period_s = period_s
         self._refresh_s = refresh_s
         self._encode = msgspec.json.Encoder().encode
@@ -80,17 +67,17 @@ class Feed:
         self._told_s = [-math.inf] * len(self._leaves)
 
     def due(
-        self, statuses: npt.NDArray[np.float64], t_ns: int, now_s: float
+        self, statuses: npt.NDArray[np.float64], t_ns: int, unix_ns: int, now_s: float
     ) -> list[tuple[str, bytes]]:
         """Return topic (below the car's own) and payload of each signal to tell now.
 
         Args:
             statuses: SI, in the order of the names.
-            t_ns: the car's time they belong to.
+            t_ns, unix_ns: the car's time they belong to, and the date.
             now_s: of any steady clock, by which rates are kept, s.
         """
         out: list[tuple[str, bytes]] = []
-        stamp: Stamp | None = None
+        date = ""
         for index, (leaf, source) in enumerate(self._leaves):
             since_s = now_s - self._told_s[index]
             if since_s < self._period_s:
@@ -98,8 +85,8 @@ class Feed:
             value = leaf.value(float(statuses[source]))
             if value == self._told[index] and since_s < self._refresh_s:
                 continue
-            stamp = stamp or self._epoch.stamp(t_ns)
-            reading = Reading(value, stamp.time, stamp.timestamp, leaf.unit)
+            date = date or rfc3339(unix_ns)
+            reading = Reading(value, round(t_ns * 1e-9, 6), date, leaf.unit)
             out.append((leaf.topic, self._encode(reading)))
             self._told[index] = value
             self._told_s[index] = now_s

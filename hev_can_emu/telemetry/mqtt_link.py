@@ -80,7 +80,7 @@ class Link:
         self._commands = commands
         self._context = address.tls_context()
         self._outbox = Outbox()
-        self._slot: tuple[npt.NDArray[np.float64], int] | None = None
+        self._slot: tuple[npt.NDArray[np.float64], int, int] | None = None
         self._given: deque[Letter] = deque()
         self._requests: deque[Request] = deque()
         self._notices: deque[str] = deque(maxlen=64)
@@ -103,10 +103,10 @@ class Link:
         if self._failure is not None:
             raise StateError(str(self._failure)) from self._failure
 
-    def offer(self, statuses: npt.NDArray[np.float64], t_ns: int) -> None:
-        """Leave a snapshot of the statuses (SI, not changed afterwards) of the car's time ``t_ns``."""
+    def offer(self, statuses: npt.NDArray[np.float64], t_ns: int, unix_ns: int) -> None:
+        """Leave a snapshot of the statuses (SI, not changed afterwards) with the car's time and the date."""
         pending = self._slot is not None
-        self._slot = (statuses, t_ns)
+        self._slot = (statuses, t_ns, unix_ns)
         if not pending:
             self._call(self._take_snapshot)
 

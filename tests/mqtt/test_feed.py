@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from hev_can_emu.telemetry.mqtt_feed import Epoch, Feed
+from hev_can_emu.telemetry.mqtt_feed import Feed
 from hev_can_emu.telemetry.mqtt_outbox import Letter, Outbox
 from hev_can_emu.telemetry.vss import Leaf
 
@@ -16,16 +16,18 @@ EPOCH_NS = 1_800_000_000_000_000_000
 
 
 def feed(period_s: float = 1.0, refresh_s: float = 10.0) -> Feed:
-    return Feed([SPEED, GEAR], ["gear", "speed"], Epoch(EPOCH_NS), period_s, refresh_s)
+    return Feed([SPEED, GEAR], ["gear", "speed"], period_s, refresh_s)
 
 
 def told(feed: Feed, speed: float, gear: float, now_s: float, t_ns: int = 0) -> dict[str, object]:
-    due = feed.due(np.array([gear, speed]), t_ns, now_s)
+    due = feed.due(np.array([gear, speed]), 0, 0, now_s)
     return {topic: json.loads(payload)["value"] for topic, payload in due}
 
 
 def test_the_first_snapshot_tells_all_with_value_unit_and_both_times() -> None:
-    (topic, payload), _ = feed().due(np.array([1.0, 10.0]), 1_250_000_000, 0.0)
+    (topic, payload), _ = feed().due(
+        np.array([1.0, 10.0]), 1_250_000_000, EPOCH_NS + 1_250_000_000, 0.0
+    )
     assert topic == "Vehicle/Speed"
     assert json.loads(payload) == {
         "value": 36.0,
@@ -73,8 +75,8 @@ def test_what_is_not_available_is_null_and_told_once() -> None:
 
 
 def test_leaves_without_a_source_are_left_out() -> None:
-    it = Feed([SPEED, GEAR], ["gear"], Epoch(0), 0.0, 10.0)
-    assert [topic for topic, _ in it.due(np.array([1.0]), 0, 0.0)] == [GEAR.topic]
+    it = Feed([SPEED, GEAR], ["gear"], 0.0, 10.0)
+    assert [topic for topic, _ in it.due(np.array([1.0]), 0, 0, 0.0)] == [GEAR.topic]
 
 
 def letter(topic: str, text: str = "x") -> Letter:

@@ -19,7 +19,7 @@ from broker_rig import LIMIT_S, Mosquitto, free_port, listener, mosquitto
 
 from hev_can_emu.errors import StateError
 from hev_can_emu.telemetry.mqtt_address import DEFAULT_VIN, Address, parse_address
-from hev_can_emu.telemetry.mqtt_feed import Epoch, Feed
+from hev_can_emu.telemetry.mqtt_feed import Feed
 from hev_can_emu.telemetry.mqtt_link import CALL_S, Link
 from hev_can_emu.telemetry.vss import Leaf
 
@@ -28,7 +28,7 @@ LEAVES = [Leaf("Vehicle.Speed", "speed", "km/h"), Leaf("Vehicle.X", "x")]
 
 @contextmanager
 def link(address: Address, commands: bool = False) -> Iterator[Link]:
-    feed = Feed(LEAVES, ["speed", "x"], Epoch(0), 0.0, 1000.0)
+    feed = Feed(LEAVES, ["speed", "x"], 0.0, 1000.0)
     joined = Link(address, feed, {"version": "1"}, commands)
     joined.start()
     try:
@@ -45,7 +45,7 @@ def eventually(true: Callable[[], bool]) -> None:
 
 
 def offer(link: Link, speed: float) -> None:
-    link.offer(np.array([speed, 1.0]), 0)
+    link.offer(np.array([speed, 1.0]), 0, 0)
 
 
 def at(port: int) -> Address:
@@ -137,9 +137,9 @@ STOP_AMID_CONNECTING = """
 import sys, time
 import numpy as np
 from hev_can_emu.telemetry.mqtt_address import parse_address
-from hev_can_emu.telemetry.mqtt_feed import Epoch, Feed
+from hev_can_emu.telemetry.mqtt_feed import Feed
 from hev_can_emu.telemetry.mqtt_link import Link
-link = Link(parse_address(sys.argv[1], environment={}), Feed([], [], Epoch(0), 0.0, 1.0), {})
+link = Link(parse_address(sys.argv[1], environment={}), Feed([], [], 0.0, 1.0), {})
 link.start()
 time.sleep(0.5)
 print(time.monotonic(), flush=True)
@@ -219,7 +219,7 @@ def test_the_embedded_broker_serves_and_a_taken_port_is_told() -> None:
             it.answer(request, {"ok": True, "id": 7})
             assert ear.until("/response/input").body == {"ok": True, "id": 7}
         with pytest.raises(StateError, match=f"--mqtt embedded: 127.0.0.1:{port} cannot be served"):
-            Link(address, Feed([], [], Epoch(0), 0.0, 1.0), {}).start()
+            Link(address, Feed([], [], 0.0, 1.0), {}).start()
 
 
 def test_requests_are_answered_where_they_say_with_their_correlation(tmp_path: Path) -> None:

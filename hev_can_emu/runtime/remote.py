@@ -1,0 +1,59 @@
+"""An emulator at the end of an MQTT link: it is told of, and does what it is asked to."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from hev_can_emu.errors import InputError
+from hev_can_emu.runtime import tick
+from hev_can_emu.runtime.emulator import Emulator
+from hev_can_emu.runtime.publishing import Publisher
+from hev_can_emu.scenario.place import Place
+from hev_can_emu.scenario.signals import Signals
+from hev_can_emu.telemetry.mqtt_commands import Action, Input, obey
+from hev_can_emu.telemetry.mqtt_link import Link
+
+
+class Remote:
+    """Samples an emulator for a link and obeys the link's requests; all calls from the tick's loop.
+
+    Args:
+        emulator: the car.
+        link: to the broker.
+        epoch_ns: Unix time of the car's time zero, ns; None in virtual time.
+    """
+
+    def __init__(self, emulator: Emulator, link: Link, epoch_ns: int | None) -> None:
+        self.publisher = Publisher(emulator, link, epoch_ns)
+        self._emulator = emulator
+        self._link = link
+        self._signals = Signals(emulator.database.messages)
+        self._actions: Mapping[str, Action] = {"input": self._set_input}
+
+    def look(self) -> None:
+        """Leave the statuses as they are now, and do what has been asked for."""
+        self.publisher.sample()
+        for request in self._link.take_requests():
+            answer = obey(request, self._actions)
+            answer["time"] = round(self._emulator.now_ns * 1e-9, 6)
+            self._link.answer(request, answer)
+
+    def _set_input(self, command: Input) -> dict[str, Any]:
+        place = Place(lambda steps: f"command/input: {'.'.join(map(str, steps))}")
+        signal = self._signals.require(command.signal, place / "signal")
+        emulator = self._emulator
+        if emulator.origin[emulator.database.message(signal.message).index] != tick.ORIGIN_PLAYED:
+            raise InputError(
+                str(place / "signal"),
+                "a signal that this program plays",
+                f"'{signal.name}' of {signal.message}",
+                f"run with --node {signal.sender}=emulated",
+            )
+        if signal.protected:
+            raise InputError(
+                str(place / "signal"), "a signal", f"'{signal.name}'", "protection writes it"
+            )
+        value = signal.parse(command.value, place / "value")
+        emulator.set_value(signal.index, value)
+        return {"signal": f"{signal.message}.{signal.name}", "value": signal.say(value)}
