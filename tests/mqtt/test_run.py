@@ -23,8 +23,7 @@ def car(folder: Path, broker: str, *options: str) -> Iterator[subprocess.Popen[s
     """A car on a free port that tells of itself; interrupted in the end."""
     with (folder / "out").open("w") as out, (folder / "err").open("w") as err:
         process = subprocess.Popen(
-            [COMMAND, "run", "--bus", "socketcand:127.0.0.1:0", "--mqtt", broker, "--vin", VIN]
-            + list(options),
+            [COMMAND, "run", "--bus", "socketcand:127.0.0.1:0", "--mqtt", broker, "--vin", VIN, *options],
             stdout=out, stderr=err, cwd=folder, text=True,
         )  # fmt: skip
     deadline = time.monotonic() + START_S
