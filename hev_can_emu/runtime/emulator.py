@@ -9,8 +9,12 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from hev_can_emu.ecu import control, ports, supervision
+from hev_can_emu.ecu import control, fault_table, ports, supervision
 from hev_can_emu.ecu.bindings import resolve
+from hev_can_emu.ecu.fault_rows import Network
+from hev_can_emu.ecu.fault_table import FaultTable
+from hev_can_emu.ecu.faults import Fault
+from hev_can_emu.ecu.frame_faults import HELD_FRAMES
 from hev_can_emu.ecu.network import complete
 from hev_can_emu.ecu.ties import (
     OWNER_EMULATED,
@@ -31,6 +35,7 @@ from hev_can_emu.plant import driveline, powertrain
 from hev_can_emu.plant.assembly import Start, build_plant, driveline_structure, start_state
 from hev_can_emu.plant.events import EVENT
 from hev_can_emu.runtime import tick
+from hev_can_emu.runtime.fault_book import FaultBook, InjectedFault
 from hev_can_emu.runtime.setup import PROTECTION_MODES, Setup, load_car, network_files
 from hev_can_emu.runtime.tick import TICK_NS, Constants, State, make_world, run_world
 
@@ -125,6 +130,8 @@ class Emulator:
             brake_max=machines.brakes.max_torque,
         )
         self._buffer, self.state = _allocate(self.constants, self.origin)
+        network = Network(self.database, self.node_names, ties.message_node.tolist(), 0)
+        self._book = FaultBook(self.state.faults, network, lambda: self.now_ns)
         self._start()
         self._world = make_world(self.constants, self.state)
         self._noted: list[Event] = []
@@ -173,7 +180,9 @@ class Emulator:
         x, n, truth = start_state(constants.plant, begin)
         state.plant_x[:], state.plant_n[:], state.truth[:] = x, n, truth
         state.command[:] = np.nan
-        for vector in (state.requests, state.held, state.effective, state.values, state.on_bus):
+        for vector in (
+            state.requests, state.kept, state.effective, state.values, state.encoded, state.on_bus,
+        ):  # fmt: skip
             vector[:] = np.nan
         state.share[:] = 1.0
         state.seen_ns[:] = -1
@@ -285,6 +294,27 @@ class Emulator:
             raise InputError("truth", "a name of the plant's truth", f"'{name}'", hint)
         return float(self.state.truth[powertrain.TRUTH.index(name)])
 
+    def inject(self, fault: Fault) -> str:
+        """Inject a fault; it begins at the next tick, or ``after`` it.
+
+        Returns:
+            The name by which it is cleared and told.
+
+        Raises:
+            InputError: a name that the network does not have, a value that does not fit, or a name in use.
+            StateError: too many faults at once.
+        """
+        return self._book.inject(fault)
+
+    def clear(self, name: str) -> None:
+        """End a fault at the next tick; raises InputError where none of this name is live."""
+        self._book.clear(name)
+
+    @property
+    def faults(self) -> tuple[InjectedFault, ...]:
+        """Every fault injected so far: what, when, until when, and how often it acted."""
+        return self._book.records()
+
     def take_events(self) -> list[Event]:
         """Return what happened since the last call."""
         events, self._noted = self._noted, []
@@ -292,7 +322,7 @@ class Emulator:
 
     def snapshot(self) -> bytes:
         """Return the whole state."""
-        return self._fingerprint() + self._buffer.tobytes()
+        return self._fingerprint() + self._buffer.tobytes() + self._book.pack()
 
     def _fingerprint(self) -> bytes:
         """Return 16 bytes that tell emulators apart whose states do not mean the same."""
@@ -304,9 +334,11 @@ class Emulator:
     def restore(self, snapshot: bytes) -> None:
         """Go back to a snapshot of this emulator; raises ValueError for another's."""
         mark = self._fingerprint()
-        if snapshot[: len(mark)] != mark or len(snapshot) != len(mark) + self._buffer.size:
+        end = len(mark) + self._buffer.size
+        if snapshot[: len(mark)] != mark or len(snapshot) < end:
             raise ValueError("snapshot of another emulator: car, network or owners differ")
-        self._buffer[:] = np.frombuffer(snapshot, dtype=np.uint8, offset=len(mark))
+        self._buffer[:] = np.frombuffer(snapshot[len(mark) : end], dtype=np.uint8)
+        self._book.unpack(snapshot[end:])
 
     def _translate(self, record: np.void) -> Event:
         kind, index, value = int(record["kind"]), int(record["index"]), float(record["value"])
@@ -325,6 +357,10 @@ class Emulator:
             name, text = "mode", _MODE_NAMES[index]
         elif kind == tick.SYNC_CHANGED:
             name, text = "synchronizer", _PHASES[int(value)]
+        elif kind == fault_table.BEGAN:
+            name, text = "fault", f"{self._book.name(index)} begins"
+        elif kind == fault_table.OVER:
+            name, text = "fault", f"{self._book.name(index)} ends, {int(value)} hits"
         else:
             name, text = "conflict", f"{messages[index].name} is also sent by another node"
         return Event(int(record["t_ns"]), name, text, index, value)
@@ -376,12 +412,13 @@ def _allocate(
         "truth": (f8, (len(powertrain.TRUTH),)),
         "command": (f8, (len(powertrain.COMMANDS),)),
         "requests": (f8, (len(ports.REQUESTS),)),
-        "held": (f8, (len(ports.REQUESTS),)),
+        "kept": (f8, (len(ports.REQUESTS),)),
         "effective": (f8, (len(ports.REQUESTS),)),
         "share": (f8, (len(ports.REQUESTS),)),
         "statuses": (f8, (len(ports.STATUSES),)),
         "unit_state": (f8, (control.N_STATE,)),
         "values": (f8, (signals,)),
+        "encoded": (f8, (signals,)),
         "on_bus": (f8, (signals,)),
         "work": (f8, (powertrain.WORK,)),
         "origin": (u1, (messages,)),
@@ -389,7 +426,12 @@ def _allocate(
         "enabled": (u1, (messages,)),
         "accept": (u1, (messages,)),
         "told": (u1, (messages,)),
-        "pending": (FRAME, (max(messages, 1),)),
+        "pending": (FRAME, (tick.faulty_room(messages),)),
+        "fault_whole": (i8, (fault_table.SLOTS, fault_table.WHOLE_COLUMNS)),
+        "fault_real": (f8, (fault_table.SLOTS, fault_table.REAL_COLUMNS)),
+        "fault_counts": (i8, (fault_table.N_COUNTS,)),
+        "held": (FRAME, (HELD_FRAMES,)),
+        "held_row": (i8, (HELD_FRAMES, 2)),
     }
     sizes = {
         name: -(-int(np.prod(shape)) * kind.itemsize // 8) * 8
@@ -401,9 +443,12 @@ def _allocate(
         length = int(np.prod(shape)) * kind.itemsize
         views[name] = buffer[at : at + length].view(kind).reshape(shape)
         at += sizes[name]
+    faults = FaultTable(*(views.pop(f"fault_{name}") for name in FaultTable._fields))
     state = State(
         **views,
-        frames_out=make_frames(FRAMES_OUT),
+        faults=faults,
+        frames_out=make_frames(max(FRAMES_OUT, tick.faulty_room(messages))),
+        scratch=make_frames(messages + HELD_FRAMES),
         events=np.zeros(EVENTS, dtype=EVENT),
         result=np.zeros(4, dtype=np.int64),
     )

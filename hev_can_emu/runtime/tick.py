@@ -1,9 +1,9 @@
 """The tick: the one compiled call between frames in and frames out.
 
-The order of events at tick k (t = k ms) is this function, top to bottom: frames received at or before t
-(those this program sent itself in the last tick first, then the bus's, in order of arrival);
-supervision; the units' control; sampling and sending what is due at t, by identifier; the plant
-to t + 1 ms.
+The order of events at tick k (t = k ms) is this function, top to bottom: faults begin and end; frames
+received at or before t (those this program sent itself in the last tick first, then the bus's, in order of
+arrival); supervision; the units' control; sampling and sending what is due at t, by identifier; the
+plant to t + 1 ms.
 """
 
 from __future__ import annotations
@@ -17,12 +17,30 @@ from numba.experimental import structref
 
 from hev_can_emu.ecu import ports
 from hev_can_emu.ecu.control import IGNITION_ON, commands_from_requests
+from hev_can_emu.ecu.fault_table import HELD, LIVE, FaultTable, advance_rows
+from hev_can_emu.ecu.frame_faults import (
+    BABBLED_FRAMES,
+    HELD_FRAMES,
+    MOST_COPIES,
+    pass_frame,
+    pass_sent,
+    release_frames,
+    resume_counters,
+    silence_nodes,
+)
 from hev_can_emu.ecu.reporting import statuses_from_truth
 from hev_can_emu.ecu.supervision import REFUSED as SUP_REFUSED
 from hev_can_emu.ecu.supervision import take_message, watch
 from hev_can_emu.ecu.ties import ResolvedBindings, message_from_statuses
 from hev_can_emu.jit import JIT_DISABLED, inner_kernel, kernel
-from hev_can_emu.messages.codec import M_COUNT, M_FIRST, Codec, find_message
+from hev_can_emu.messages.codec import (
+    M_COUNT,
+    M_FIRST,
+    M_WIRE_LENGTH,
+    Codec,
+    decode,
+    find_message,
+)
 from hev_can_emu.messages.frame import ERROR, EXTENDED, REMOTE, SENT
 from hev_can_emu.messages.protection import Protection
 from hev_can_emu.messages.restbus import Restbus
@@ -75,8 +93,10 @@ class State(NamedTuple):
 
     ``origin``: uint8 (messages), ORIGIN_*; ``muted``: uint8 (messages), 1 stops a message;
     ``told``: 1 once a second sender of the message was told of;
-    ``values``: signals to send; ``on_bus``: signals as last seen on the bus; ``seen_ns``: when.
-    ``frames_out``, ``events`` and ``result`` carry a call's results; they are no part of a snapshot.
+    ``values``: signals to send; ``encoded``: as last encoded; ``on_bus``: signals as last seen on the bus;
+    ``seen_ns``: when; ``held`` and ``held_row``: frames that faults hold back.
+    ``frames_out``, ``events`` and ``result`` carry a call's results, ``scratch`` is where frames pass
+    faults; they are no part of a snapshot.
     """
 
     scalars: Integers
@@ -91,12 +111,13 @@ class State(NamedTuple):
     truth: Array
     command: Array
     requests: Array
-    held: Array
+    kept: Array
     effective: Array
     share: Array
     statuses: Array
     unit_state: Array
     values: Array
+    encoded: Array
     on_bus: Array
     work: Array
     origin: Flags
@@ -105,7 +126,11 @@ class State(NamedTuple):
     accept: Flags
     told: Flags
     pending: Frames
+    faults: FaultTable
+    held: Frames
+    held_row: Integers
     frames_out: Frames
+    scratch: Frames
     events: Frames
     result: Integers
 
@@ -133,6 +158,52 @@ def _take_frame(
         state.on_bus, state.requests, t_ns,
     )  # fmt: skip
     _mark_seen(constants.codec, state.seen_ns, message, t_ns)
+
+
+@inner_kernel
+def _take_faulty(
+    constants: Constants,
+    state: State,
+    frames: Frames,
+    i: int,
+    message: int,
+    t_ns: int,
+    n_events: int,
+) -> Any:
+    """Receive one frame of another node through the injected faults; return the number of events."""
+    single = state.scratch[:1]
+    single[0] = frames[i]
+    copies, n_events = pass_frame(
+        constants.codec, constants.protection, state.faults, state.held, state.held_row, single,
+        message, constants.ties.message_node[message], t_ns, state.events, n_events,
+    )  # fmt: skip
+    for _ in range(copies):
+        _take_frame(constants, state, single, 0, state.accept, t_ns)
+    if copies > 0 and state.faults.counts[HELD] > 0:
+        _take_late(constants, state, message, t_ns)
+    return n_events
+
+
+@inner_kernel
+def _take_late(constants: Constants, state: State, message: int, t_ns: int) -> None:
+    """Receive what faults held back: until now, or (``message`` >= 0) until its next frame."""
+    late = release_frames(
+        state.faults, state.held, state.held_row, t_ns, message, 0, state.scratch, 0
+    )
+    for i in range(late):
+        _take_frame(constants, state, state.scratch, i, state.accept, t_ns)
+
+
+@inner_kernel
+def _show(constants: Constants, state: State, i: int, message: int, faulty: bool) -> None:
+    """Let ``on_bus`` tell what a frame sent tells; nobody reads one of a wrong length."""
+    codec = constants.codec
+    if not faulty:
+        first = codec.messages[message, M_FIRST]
+        for signal in range(first, first + codec.messages[message, M_COUNT]):
+            state.on_bus[signal] = state.encoded[signal]
+    elif np.int64(state.frames_out[i]["length"]) == codec.messages[message, M_WIRE_LENGTH]:
+        decode(codec, message, state.frames_out[i]["data"], state.on_bus)
 
 
 @inner_kernel
@@ -181,6 +252,12 @@ def _fill_values(constants: Constants, state: State) -> None:
             message_from_statuses(constants.ties, message, state.statuses, state.values)
 
 
+@kernel
+def faulty_room(messages: int) -> int:
+    """Return how many frames a tick may send while faults copy, release and babble."""
+    return messages * (MOST_COPIES + 1) + HELD_FRAMES + BABBLED_FRAMES
+
+
 @inner_kernel
 def run_ticks(
     constants: Constants,
@@ -208,8 +285,15 @@ def run_ticks(
     taken: Any = np.int64(0)
     n_events: Any = np.int64(0)
     done: Any = np.int64(0)
-    while done < ticks and n_out + messages <= frames_out.shape[0]:
+    while done < ticks:
+        faulty = state.faults.counts[LIVE] > 0 or state.faults.counts[HELD] > 0
+        if n_out + (faulty_room(messages) if faulty else messages) > frames_out.shape[0]:
+            break
         t_ns = state.scalars[TICKS] * TICK_NS
+        if faulty:
+            n_events = advance_rows(state.faults, t_ns, events, n_events)
+            resume_counters(state.faults, state.transmit)
+            _take_late(constants, state, -1, t_ns)
 
         # Frames of played nodes come back as any receiver sees them.
         for i in range(state.scalars[PENDING]):
@@ -228,12 +312,16 @@ def run_ticks(
                         state.told[message] = 1
                         n_events = note(events, n_events, t_ns, CONFLICT, message, 0.0)
                     state.scalars[CONFLICTS] += 1
+                elif faulty and state.accept[message] != 0:
+                    n_events = _take_faulty(
+                        constants, state, frames_in, taken, message, t_ns, n_events
+                    )
                 else:
                     _take_frame(constants, state, frames_in, taken, state.accept, t_ns)
             taken += 1
 
         failed, n_events = watch(
-            constants.ties, state.supervision, state.requests, state.held, state.effective,
+            constants.ties, state.supervision, state.requests, state.kept, state.effective,
             state.share, state.statuses, t_ns, events, n_events,
         )  # fmt: skip
         state.scalars[FAILED] = failed
@@ -255,18 +343,31 @@ def run_ticks(
             n_events = note(events, n_events, t_ns, MODE_CHANGED, mode, 0.0)
         _power_nodes(constants, state, t_ns)
         _fill_values(constants, state)
+        if faulty:
+            silence_nodes(state.faults, constants.ties.message_node, state.enabled)
 
         first = n_out
         n_out = transmit(
             codec, constants.protection, constants.restbus, state.transmit, state.enabled,
-            state.values, state.on_bus, t_ns, frames_out, n_out, frames_out.shape[0],
+            state.values, state.encoded, t_ns, frames_out, n_out, frames_out.shape[0],
         )  # fmt: skip
+        if faulty:
+            n_out, n_events = pass_sent(
+                codec, constants.protection, constants.ties.message_node, state.faults, state.held,
+                state.held_row, state.scratch, frames_out, first, n_out, t_ns, events, n_events,
+            )  # fmt: skip
+            resume_counters(state.faults, state.transmit)
         state.scalars[SENT_FRAMES] += n_out - first
         for i in range(first, n_out):
             extended = np.int64(frames_out[i]["flags"]) & EXTENDED
             message = find_message(codec, frames_out[i]["id"], extended)
+            if message < 0:
+                continue
             _mark_seen(codec, state.seen_ns, message, t_ns)
-            if state.origin[message] == ORIGIN_PLAYED:
+            _show(constants, state, i, message, faulty)
+            if state.origin[message] == ORIGIN_PLAYED and (
+                state.scalars[PENDING] < state.pending.shape[0]
+            ):
                 slot = state.scalars[PENDING]
                 state.pending[slot] = frames_out[i]
                 state.pending[slot]["flags"] = np.int64(frames_out[i]["flags"]) & ~SENT

@@ -1,0 +1,140 @@
+"""Which faults were injected, when, until when, and how often they acted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Literal, NamedTuple
+
+import msgspec
+
+from hev_can_emu.ecu import fault_table as table
+from hev_can_emu.ecu.fault_rows import Network, fill_row
+from hev_can_emu.ecu.fault_table import SLOTS, FaultTable, start_row
+from hev_can_emu.ecu.faults import Fault
+from hev_can_emu.errors import InputError, StateError, did_you_mean
+
+State = Literal["prepared", "waiting", "active", "ended"]
+_STATES: tuple[State, ...] = ("ended", "prepared", "waiting", "active", "ended")
+
+
+class InjectedFault(NamedTuple):
+    """One fault that was injected: what, under which name, and what became of it.
+
+    ``injected_ns``, ``start_ns``: when it was injected and when it began or will begin; ``until_ns``: when
+    it ended or will end, None while that is open; ``hits``: frames, or ticks, on which it acted.
+    """
+
+    name: str
+    fault: Fault
+    injected_ns: int
+    start_ns: int
+    until_ns: int | None
+    state: State
+    hits: int
+
+
+class _Page(msgspec.Struct):
+    """What a snapshot needs beside the table: names and records per row, and rows given up."""
+
+    rows: dict[int, tuple[str, Fault]] = {}
+    past: list[InjectedFault] = []
+
+
+class FaultBook:
+    """Puts faults into the table and reads back what they did.
+
+    Args:
+        faults: the table, a view of the emulator's state.
+        network: what names mean.
+        now_ns: gives the time of the next tick.
+    """
+
+    def __init__(self, faults: FaultTable, network: Network, now_ns: Callable[[], int]) -> None:
+        self._table = faults
+        self._network = network
+        self._now_ns = now_ns
+        self._page = _Page()
+
+    def inject(self, fault: Fault, where: str = "fault") -> str:
+        """Start a fault at the next tick (or ``after`` it); see :meth:`Emulator.inject`."""
+        name = self._new_name(fault, where)
+        slot = self._free_slot()
+        fill_row(fault, self._network, self._table, slot, where)
+        self._page.rows[slot] = (name, fault)
+        start_row(self._table.whole, slot, self._now_ns())
+        self._table.counts[table.LIVE] += 1
+        return name
+
+    def clear(self, name: str) -> None:
+        """End a fault at the next tick; see :meth:`Emulator.clear`."""
+        live = {self._page.rows[slot][0]: slot for slot in self._live()}
+        if name not in live:
+            hint = did_you_mean(name, live) or ("none is live" if not live else "")
+            raise InputError("clear", "the name of a live fault", f"'{name}'", hint)
+        row = self._table.whole[live[name]]
+        # Not begun yet: it never will.
+        waits = row[table.STATE] == table.WAITING and row[table.START_NS] > self._now_ns()
+        row[table.END_NS] = max(self._now_ns(), 1)
+        if waits:
+            row[table.STATE] = table.ENDED
+
+    def records(self) -> tuple[InjectedFault, ...]:
+        """Return everything injected so far, in order of injection."""
+        found = [*self._page.past, *(self._record(slot) for slot in self._page.rows)]
+        return tuple(sorted(found, key=lambda record: record.injected_ns))
+
+    def name(self, slot: int) -> str:
+        """Return the name of the fault in a row."""
+        return self._page.rows[slot][0] if slot in self._page.rows else f"fault {slot}"
+
+    def pack(self) -> bytes:
+        """Return the book as part of a snapshot."""
+        return msgspec.json.encode(self._page)
+
+    def unpack(self, packed: bytes) -> None:
+        """Take the book from a snapshot."""
+        self._page = msgspec.json.decode(packed, type=_Page)
+
+    def _live(self) -> list[int]:
+        states = self._table.whole[:, table.STATE]
+        return [s for s in self._page.rows if states[s] in (table.WAITING, table.ACTIVE)]
+
+    def _new_name(self, fault: Fault, where: str) -> str:
+        taken = {self._page.rows[slot][0] for slot in self._live()}
+        if fault.label not in taken:
+            return fault.label
+        if fault.name:
+            got = f"'{fault.name}', which is live"
+            raise InputError(f"{where}.name", "a name that is not in use", got, "clear it first")
+        number = 2
+        while f"{fault.label} {number}" in taken:
+            number += 1
+        return f"{fault.label} {number}"
+
+    def _free_slot(self) -> int:
+        states = self._table.whole[:, table.STATE]
+        for slot in range(SLOTS):
+            if states[slot] == table.FREE:
+                return slot
+        # The one that ended first makes room; what it did is written down.
+        ended = [slot for slot in range(SLOTS) if states[slot] == table.ENDED]
+        if not ended:
+            raise StateError(f"all {SLOTS} places for faults are taken; clear some first")
+        slot = min(ended, key=lambda s: int(self._table.whole[s, table.END_NS]))
+        self._page.past.append(self._record(slot))
+        del self._page.rows[slot]
+        return slot
+
+    def _record(self, slot: int) -> InjectedFault:
+        name, fault = self._page.rows[slot]
+        row = self._table.whole[slot]
+        end = int(row[table.END_NS])
+        return InjectedFault(
+            name,
+            fault,
+            int(row[table.INJECTED_NS]),
+            int(row[table.START_NS]),
+            end if end > 0 else None,
+            _STATES[int(row[table.STATE])],
+            int(row[table.HITS]),
+        )
