@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         action="append",
         default=[],
-        help="record frames: .log, .blf or .asc",
+        help="record frames (.log, .blf, .asc, .mf4) or decoded signals (.csv, .parquet)",
     )
     add_setup_arguments(parser)
     add_mqtt_arguments(parser)
@@ -57,9 +57,10 @@ def execute(arguments: argparse.Namespace) -> int:
     from hev_can_emu.bus.open import open_bus
     from hev_can_emu.commands._compiling import ready_emulator
     from hev_can_emu.runtime.emulator import Event
+    from hev_can_emu.runtime.recording import Recording
     from hev_can_emu.runtime.remote import Remote
     from hev_can_emu.runtime.service import Service, Watcher
-    from hev_can_emu.telemetry.recorder import check_path, open_recorder
+    from hev_can_emu.telemetry.recorder import check_path
 
     # What can be told at once is told before anything is compiled or written.
     open_bus(arguments.bus, time.monotonic_ns)
@@ -67,7 +68,7 @@ def execute(arguments: argparse.Namespace) -> int:
         check_path(path)
     emulator = ready_emulator(setup)  # compiled before the clock starts
     epoch_ns = time.time_ns()
-    recorders = [open_recorder(path, epoch_ns=epoch_ns) for path in arguments.record]
+    recording = Recording(emulator, arguments.record, epoch_ns)
     line = StatusLine(emulator)
     link = start_link(arguments, emulator)
     remote = None if link is None else Remote(emulator, link, epoch_ns)
@@ -91,7 +92,7 @@ def execute(arguments: argparse.Namespace) -> int:
         service = Service(
             emulator,
             lambda now_ns: open_bus(arguments.bus, now_ns, epoch_ns=epoch_ns),
-            [recorder.write for recorder in recorders],
+            recording.sinks,
             duration_ns=None if arguments.duration is None else round(arguments.duration * 1e9),
             on_ready=line.ready,
             on_status=line.status,
@@ -103,8 +104,7 @@ def execute(arguments: argparse.Namespace) -> int:
         finally:
             if service.opened:
                 service.tell()
-            for recorder in recorders:
-                await asyncio.to_thread(recorder.close)
+            await asyncio.to_thread(recording.close)
         return service
 
     try:

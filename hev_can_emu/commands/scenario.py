@@ -14,8 +14,7 @@ from hev_can_emu.errors import BusError, InputError
 if TYPE_CHECKING:
     from hev_can_emu.commands._result import Result
     from hev_can_emu.runtime.playing import Playing
-    from hev_can_emu.runtime.signal_log import SignalLog
-    from hev_can_emu.telemetry.recorder import Recorder
+    from hev_can_emu.runtime.virtual import FrameSink
 
 CLOCKS = ("virtual", "wall")
 
@@ -35,6 +34,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     run.add_argument("--bus", metavar="BUS", help="bus for the wall clock (default: socketcand)")
     run.add_argument("--out", metavar="DIR", help="leave recordings, verdicts and a picture there")
     run.add_argument("--no-plot", action="store_true", help="draw no picture")
+    run.add_argument(
+        "--record",
+        metavar="ENDING",
+        action="append",
+        default=[],
+        help="with --out: kinds of recording, .log .blf .asc .mf4 .csv .parquet (default: .blf and .log)",
+    )
     add_setup_arguments(run)
 
 
@@ -51,7 +57,12 @@ def execute(arguments: argparse.Namespace) -> int:
     from hev_can_emu.bus.open import open_bus
     from hev_can_emu.commands._result import make_folder, print_result
     from hev_can_emu.resources import folder, shipped_or_path
+    from hev_can_emu.telemetry.recorder import check_ending
 
+    if arguments.record and arguments.out is None:
+        raise InputError("--record", "--out DIR beside it", "none")
+    for ending in arguments.record:
+        check_ending(ending)
     paths = [shipped_or_path(name, folder("scenarios"), "scenario run") for name in arguments.files]
     if arguments.bus is not None:
         open_bus(arguments.bus, time.monotonic_ns)  # a name that cannot be a bus is told at once
@@ -64,9 +75,7 @@ def execute(arguments: argparse.Namespace) -> int:
         bus = arguments.bus or playing.scenario.bus
         wall = clock == "wall" or (clock is None and bus is not None)
         stem = _stem(path, used)
-        result = _run(
-            playing, (bus or "socketcand") if wall else None, out, stem, arguments.no_plot
-        )
+        result = _run(playing, (bus or "socketcand") if wall else None, out, stem, arguments)
         print_result(result)
         codes.append(result.outcome.exit_code)
     # As severe as the worst: unusable, fail, inconclusive, pass.
@@ -122,31 +131,33 @@ def _prepare(arguments: argparse.Namespace, path: Path) -> Playing:
     return Playing(emulator, document, scenario)
 
 
-def _run(playing: Playing, bus: str | None, out: Path | None, stem: str, no_plot: bool) -> Result:
+def _run(
+    playing: Playing, bus: str | None, out: Path | None, stem: str, arguments: argparse.Namespace
+) -> Result:
     from hev_can_emu.commands._result import Result, draw, write_verdicts
+    from hev_can_emu.runtime.recording import Recording
     from hev_can_emu.runtime.signal_log import SignalLog
-    from hev_can_emu.telemetry.recorder import open_recorder
+    from hev_can_emu.runtime.virtual import play_virtual
 
     emulator, player = playing.emulator, playing.player
     # Virtual time has no date: its recordings start at zero, and repeat to the byte.
     epoch_ns = 0 if bus is None else time.time_ns()
-    recorders: list[Recorder] = []
+    paths: list[Path] = []
     log: SignalLog | None = None
     if out is not None:
-        recorders = [
-            open_recorder(out / f"{stem}{ending}", epoch_ns=epoch_ns) for ending in (".blf", ".log")
-        ]
+        paths = [out / f"{stem}{ending}" for ending in arguments.record or (".blf", ".log")]
         log = SignalLog(emulator.database, emulator.constants.codec)
+    recording = Recording(emulator, paths, epoch_ns)
+    sinks = recording.sinks if log is None else [*recording.sinks, log.add]
     started = time.monotonic()
     trace = ""
     try:
         if bus is None:
-            trace = _in_virtual_time(playing, recorders, log)
+            trace = play_virtual(playing, sinks, recording.longest_ns)
         else:
-            _in_wall_time(playing, bus, epoch_ns, recorders, log)
+            _in_wall_time(playing, bus, epoch_ns, sinks)
     finally:
-        for recorder in recorders:
-            recorder.close()
+        recording.close()
     wall = time.monotonic() - started
     verdicts = player.verdicts()
     result = Result(
@@ -154,33 +165,19 @@ def _run(playing: Playing, bus: str | None, out: Path | None, stem: str, no_plot
     )
     if out is not None and log is not None:
         write_verdicts(out / f"{stem}.json", result)
-        if not no_plot:
+        if not arguments.no_plot:
             draw(out / f"{stem}.png", log, playing, verdicts)
         print(f"recordings, verdicts and picture: {out}/{stem}.*")
     return result
 
 
-def _in_virtual_time(playing: Playing, recorders: list[Recorder], log: SignalLog | None) -> str:
-    from hev_can_emu.runtime.virtual import FrameSink, play_virtual
-
-    sinks: list[FrameSink] = [recorder.write for recorder in recorders]
-    if log is not None:
-        sinks.append(log.add)
-    return play_virtual(playing, sinks)
-
-
-def _in_wall_time(
-    playing: Playing, bus: str, epoch_ns: int, recorders: list[Recorder], log: SignalLog | None
-) -> None:
+def _in_wall_time(playing: Playing, bus: str, epoch_ns: int, sinks: list[FrameSink]) -> None:
     import asyncio
 
     from hev_can_emu.bus.open import open_bus
     from hev_can_emu.commands.progress import PlayProgress
     from hev_can_emu.runtime.service import Service
 
-    sinks = [recorder.write for recorder in recorders]
-    if log is not None:
-        sinks.append(log.add)
     progress = PlayProgress(playing)
 
     async def serve() -> None:

@@ -25,7 +25,13 @@ READERS = {
     ".log": can.CanutilsLogReader,
     ".blf": can.BLFReader,
     ".asc": lambda path: can.ASCReader(path, relative_timestamp=False),
+    ".mf4": can.MF4Reader,
 }
+
+
+def read(ending: str, path: Path) -> list[can.Message]:
+    with READERS[ending](path) as reader:
+        return list(reader)
 
 
 def mixed_frames() -> np.ndarray:
@@ -65,7 +71,7 @@ def test_read_back_by_python_can(ending: str, tmp_path: Path) -> None:
     with open_recorder(path, epoch_ns=EPOCH_NS) as recorder:
         recorder.write(frames, 4)
         recorder.write(frames[4:], len(frames) - 4)
-    messages = list(READERS[ending](path))
+    messages = read(ending, path)
     direction = ending != ".log"
     assert [message_tuple(m, direction=direction) for m in messages] == as_tuples(
         frames, direction=direction
@@ -154,8 +160,8 @@ def test_nothing_is_lost_when_the_writer_is_slower(
             recorder.write(frames, 100)
         assert recorder.counters.waited > 0
         assert recorder.counters.written == 5000
-    read = [int.from_bytes(m.data, "big") for m in READERS[ending](path)]
-    assert read == list(range(5000))
+    numbers_read = [int.from_bytes(m.data, "big") for m in read(ending, path)]
+    assert numbers_read == list(range(5000))
 
 
 @pytest.mark.parametrize("ending", FORMATS)
@@ -177,7 +183,7 @@ def test_a_killed_process_leaves_what_was_flushed(ending: str, tmp_path: Path) -
         assert flushed.wait(10)
         assert time.monotonic() - started < 5
         copy.write_bytes(path.read_bytes())
-        messages = list(READERS[ending](copy))
+        messages = read(ending, copy)
         assert [m.arbitration_id for m in messages] == [0x123, 0x7FF, 0x12345678]
         assert messages[0].timestamp == pytest.approx(EPOCH_NS / 1e9, abs=1.5e-6)
 
@@ -234,7 +240,7 @@ def test_a_closed_recorder_refuses_frames_and_closes_again(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("name", "text"),
     [
-        ("run.mf5", r"expected a file ending of \.log, \.blf, \.asc, got '\.mf5'"),
+        ("run.mf5", r"expected a file ending of \.log, \.blf, \.asc, \.mf4, .*got '\.mf5'"),
         ("run", "got none"),
         ("run.bfl", r"did you mean '\.blf'"),
         ("nowhere/run.log", "expected an existing folder"),
