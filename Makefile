@@ -8,7 +8,7 @@ PYTHONS := python3.13 python3.12 python3.11 python3.14 python3 python
 UV_VERSION := 0.13.9
 
 # What tests need from the system (Debian's names); installed as root, otherwise named.
-SYSTEM_PACKAGES := mosquitto mosquitto-clients openssl tshark
+SYSTEM_PACKAGES := can-utils iproute2 kmod mosquitto mosquitto-clients openssl tshark user-mode-linux
 
 DEMO = $(BIN)/hev-can-emu scenario run scenarios/series_parallel.yaml --clock wall --bus socketcand --out out/demo
 WARM = $(BIN)/hev-can-emu warm
@@ -35,7 +35,7 @@ QUIET_MAKE = $(MAKE) --no-print-directory
 .DELETE_ON_ERROR:
 .SUFFIXES:
 .PHONY: help install demo test system lint format types imports unit unit-interpreted unit-checked \
-	unit-compiled wheel-smoke lock bench clean
+	unit-compiled socketcan wheel-smoke lock bench clean
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-18s %s\n", $$1, $$2 }' Makefile
@@ -49,6 +49,7 @@ test: $(WARMED) system ## run every check: lint, types, imports, all tests with 
 	@status=0; \
 	$(QUIET_MAKE) -k -j2 $(SYNC) unit-interpreted unit-checked types lint imports || status=$$?; \
 	$(QUIET_MAKE) unit-compiled || status=$$?; \
+	$(QUIET_MAKE) socketcan || status=$$?; \
 	exit $$status
 
 lint: $(INSTALLED) ## check style and formatting
@@ -84,9 +85,13 @@ unit-compiled: $(WARMED)
 	echo "== tests of wall-clock time"; \
 	$(PYTEST) -q -m realtime --cov --cov-append --cov-report= || status=$$?; \
 	echo "== all other tests"; \
-	$(PYTEST) -q -n 2 --dist loadgroup -m "not realtime" --cov --cov-append --cov-report=term \
+	$(PYTEST) -q -n 2 --dist loadgroup -m "not realtime and not socketcan" --cov --cov-append --cov-report=term \
 		--durations 5 --durations-min 5 || status=$$?; \
 	exit $$status
+
+socketcan: $(WARMED) system ## run the bus tests on a real kernel's vcan0: the host's, or user-mode Linux
+	@echo "== SocketCAN on a real kernel"
+	@$(BIN)/python tests/socketcan/stage.py
 
 wheel-smoke: $(WARMED) ## build the wheel and try it in a fresh environment
 	@$(PYTEST) -q -m wheel

@@ -17,9 +17,10 @@ from typing import TYPE_CHECKING, Any
 
 from hev_can_emu.bus.echo import EchoFilter
 from hev_can_emu.bus.port import RECORD, Bus
+from hev_can_emu.bus.pythoncan_frames import error_number, flags_of, to_message, unfit
 from hev_can_emu.bus.pythoncan_opening import Target, open_target
 from hev_can_emu.errors import BusError
-from hev_can_emu.messages.frame import BRS, ERROR, EXTENDED, FD, REMOTE
+from hev_can_emu.messages.frame import REMOTE
 
 if TYPE_CHECKING:
     import can
@@ -75,6 +76,7 @@ class PythonCanBus(Bus):
         self._work = threading.Condition()
         self._stopping = False
         self._failures = 0  # of sends in a row
+        self._unfit_told = False
         self._bus: can.BusABC | None = None
         self._reader: threading.Thread | None = None
         self._sender: threading.Thread | None = None
@@ -184,7 +186,7 @@ class PythonCanBus(Bus):
             return False
         if message is None:
             return False
-        flags = _flags(message)
+        flags = flags_of(message)
         data = bytes(message.data)
         if self._echo is None or not self._echo.is_own(message.arbitration_id, flags, data):
             if flags & REMOTE:
@@ -235,24 +237,21 @@ class PythonCanBus(Bus):
 
     def _send_one(self, make: type[can.Message], can_id: int, flags: int, data: bytes) -> None:
         assert self._bus is not None
+        if reason := unfit(self.interface, flags):
+            self._errors += 1
+            if not self._unfit_told:
+                self._unfit_told = True
+                self._notices.append(reason)
+            return
         try:
-            message = make(
-                arbitration_id=can_id,
-                is_extended_id=bool(flags & EXTENDED),
-                is_remote_frame=bool(flags & REMOTE),
-                is_error_frame=bool(flags & ERROR),
-                is_fd=bool(flags & FD),
-                bitrate_switch=bool(flags & BRS),
-                dlc=len(data),
-                data=None if flags & REMOTE else data,
-            )
+            message = to_message(make, can_id, flags, data)
             if self._echo is not None:
-                self._echo.expect(can_id, _flags(message), bytes(message.data))
+                self._echo.expect(can_id, flags_of(message), bytes(message.data))
             self._send_patiently(message)
         except Exception as error:  # noqa: BLE001 - counted; many in a row, or a dead device, end the bus
             self._errors += 1
             self._failures += 1
-            if _error_number(error) in _GONE or self._failures >= FAILURES_MEAN_LOST:
+            if error_number(error) in _GONE or self._failures >= FAILURES_MEAN_LOST:
                 self._fail("sending failed", error)
             elif self._failures == 1:
                 self._notices.append(f"{self.describe()}: frame {can_id:X} not sent: {error}")
@@ -267,30 +266,11 @@ class PythonCanBus(Bus):
             try:
                 return self._bus.send(message)
             except Exception as error:
-                if _error_number(error) != errno.ENOBUFS or not left or self._stopping:
+                if error_number(error) != errno.ENOBUFS or not left or self._stopping:
                     raise
             with self._work:
                 self._work.wait_for(lambda: self._stopping, FULL_WAIT_S)
         return None
-
-
-def _flags(message: can.Message) -> int:
-    """Return our flags of a python-can message."""
-    return (
-        (EXTENDED if message.is_extended_id else 0)
-        | (REMOTE if message.is_remote_frame else 0)
-        | (ERROR if message.is_error_frame else 0)
-        | (FD if message.is_fd else 0)
-        | (BRS if message.bitrate_switch else 0)
-    )
-
-
-def _error_number(error: BaseException) -> int | None:
-    """Return the errno of an OSError or of python-can's wrapper around one."""
-    if isinstance(error, OSError):
-        return error.errno
-    code = getattr(error, "error_code", None)
-    return code if isinstance(code, int) else None
 
 
 def _shut_down_late(opening: asyncio.Future[can.BusABC]) -> None:

@@ -173,10 +173,7 @@ class SocketcandBus(Bus):
         self._errors += count
         if not self._unfit_told:
             self._unfit_told = True
-            self._notices.append(
-                "CAN FD and remote frames are not sent: socketcand carries classic data frames "
-                "only; use --bus socketcan:vcan0 or --bus udp_multicast:239.74.163.2"
-            )
+            self._notices.append(protocol.UNFIT)
 
     def _stamp(self) -> str:
         return protocol.format_stamp(self._epoch_ns + self._now_ns())

@@ -42,6 +42,10 @@ _BYTE = {
     for low in "0123456789abcdefABCDEF"
 }
 _CANNOT_CARRY = FD | REMOTE
+UNFIT = (
+    "CAN FD and remote frames are not sent: socketcand carries classic data frames only; use "
+    "--bus socketcan:vcan0 or --bus udp_multicast:239.74.163.2"
+)
 
 
 class ProtocolError(Exception):

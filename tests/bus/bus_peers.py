@@ -3,32 +3,36 @@
 from __future__ import annotations
 
 import asyncio
-import importlib.util
 import itertools
 import socket
 import threading
 import time
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
-from pathlib import Path
 
 import can
 import numpy as np
+import pytest
 
 from hev_can_emu.bus.loopback import LoopbackHub
 from hev_can_emu.bus.open import open_bus
 from hev_can_emu.bus.port import Bus
+from hev_can_emu.bus.socketcand import SocketcandBus
 from hev_can_emu.messages.frame import EXTENDED, FD, frame, make_frames
 
 GUARD_S = 10.0  # a failure guard, not a delay
 
-ADAPTERS = ["loopback", "virtual", "socketcand"]
-if importlib.util.find_spec("msgpack") is not None:
-    ADAPTERS.append("udp_multicast")
-if Path("/sys/class/net/vcan0").exists():
-    ADAPTERS.append("socketcan")
-FD_ADAPTERS = [name for name in ADAPTERS if name != "socketcand"]
+# Every adapter; `make socketcan` gives the last one its kernel.
+ADAPTERS = [
+    "loopback",
+    "virtual",
+    "socketcand",
+    "socketcand-client",
+    "udp_multicast",
+    pytest.param("socketcan", marks=pytest.mark.socketcan),
+]
+CLASSIC_ADAPTERS = {"socketcand", "socketcand-client"}
 
 _names = itertools.count()
 
@@ -135,10 +139,15 @@ async def bus_and_peer(kind: str) -> AsyncIterator[tuple[Bus, Peer]]:
         spec, options = "socketcan:vcan0", {"channel": "vcan0", "fd": True}
     else:
         spec, options = "socketcand:127.0.0.1:0", {}
-    async with open_bus(spec, time.monotonic_ns) as bus:
-        if kind == "socketcand":
+    async with AsyncExitStack() as opened:
+        bus = await opened.enter_async_context(open_bus(spec, time.monotonic_ns))
+        if isinstance(bus, SocketcandBus):
             options = {"channel": "vcan0", "host": "127.0.0.1", "port": bus.port}
-        foreign = await asyncio.to_thread(lambda: can.Bus(interface=kind, **options))
+            if kind == "socketcand-client":
+                spec = f"socketcand-client:127.0.0.1:{bus.port}"
+                bus = await opened.enter_async_context(open_bus(spec, time.monotonic_ns))
+        interface = kind.removesuffix("-client")
+        foreign = await asyncio.to_thread(lambda: can.Bus(interface=interface, **options))
         try:
             yield bus, python_can_peer(foreign)
         finally:
