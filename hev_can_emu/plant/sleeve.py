@@ -1,26 +1,78 @@
 """The sleeve between G1 and G2 as a mass: detents, struts, blocking rings, chamfered dogs, stops.
 
-First the layouts; the driveline decides whether sleeve and gear slip or hold.
+On its way to a gear the sleeve leaves the notch at the centre, presses the ring through the struts
+(presynchronisation), stands on the ring's chamfers (blocked), and passes once the ring has been turned
+out of the way.  After a free flight the dogs meet: their chamfers turn sleeve and gear to each other (or
+stand, tooth on tooth) or, where they slip too fast, throw the sleeve back (grating).  Behind them
+lie the play, a notch and the end stop.  The driveline decides whether sleeve and gear slip or hold.
+
+Between obstacles the motion is that of :mod:`hev_can_emu.plant.sleeve_motion`; stops and reversals are met
+within the step, blows are plastic.  While chamfers press, the sleeve goes where they go; what they press with
+goes to the driveline for its next step, and what this order costs in energy is told as the lag.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hev_can_emu.jit import kernel
-from hev_can_emu.plant.sleeve_parameters import (
-    P_DOGS,
+from hev_can_emu.plant.sleeve_motion import (
+    elastic_change,
+    mean_pull,
+    notch_force,
+    pull,
+    speed_over_way,
+    strut_force,
+    way_in_time,
+    way_to_rest,
 )
+from hev_can_emu.plant.sleeve_parameters import (
+    P_BLOCKING,
+    P_CONE1,
+    P_DAMPING,
+    P_DOG_HOLD,
+    P_DOG_SLIP,
+    P_DOGS,
+    P_DT,
+    P_END,
+    P_ENGAGED_FORCE,
+    P_ENGAGED_WIDTH,
+    P_FACE_DRAG,
+    P_FLIGHT_SHARE,
+    P_GRATING_DRAG,
+    P_GUIDE_FRICTION,
+    P_HALF,
+    P_INDEX_LEVER,
+    P_INDEX_RATE,
+    P_MASS,
+    P_NEUTRAL_FORCE,
+    P_NEUTRAL_WIDTH,
+    P_OVERLAP,
+    P_PITCH,
+    P_RATCHET,
+    P_RATCHET_MAX,
+    P_SLOPE,
+    P_STRUT,
+    P_STRUT_FORCE,
+    P_TIP,
+)
+
+Array = NDArray[np.float64]
 
 # Where the sleeve is.
 CENTRE, FREE, PRESYNC, BLOCKED, INDEXING, FLIGHT = 0, 1, 2, 3, 4, 5
 TOOTH_ON_TOOTH, GRATING, ENTERING, ENGAGED, STOP = 6, 7, 8, 9, 10
 
 # Layout of the state: position m and velocity m/s, positive towards G1; how far the ring has turned out
-# of the way (1: the sleeve may pass); 1 while the dogs grate; zone.
+# of the way (1: the sleeve may pass); 1 while the dogs grate; zone; sign of the torque on the sleeve that
+# keeps the ring blocking; what the chamfers press with, N, and their torque on the sleeve, N m, as told;
+# angle last seen, rad.
 X_POSITION, X_VELOCITY, X_RING, X_GRATING, X_ZONE = 0, 1, 2, 3, 4
-N_STATE = 5
+X_BLOCKING_SIGN, X_PRESS, X_TORQUE, X_ANGLE = 5, 6, 7, 8
+N_STATE = 9
 
 # Layout of the output.  From OUT_WORK on: J in this step.
 OUT_POSITION, OUT_VELOCITY = 0, 1
@@ -32,8 +84,209 @@ OUT_CHAMFER1, OUT_CHAMFER2 = 10, 11  # signed torque of the chamfers on the slee
 OUT_ZONE, OUT_RING_FORCE = 12, 13  # zone; force on the ring, N
 OUT_WORK, OUT_KINETIC, OUT_ELASTIC = 14, 15, 16
 OUT_DAMPING_LOSS, OUT_FRICTION_LOSS, OUT_STOP_LOSS = 17, 18, 19
-OUT_TOOTH_WORK = 20
-N_OUT = 21
+OUT_TOOTH_WORK, OUT_TOOTH_LAG = 20, 21
+N_OUT = 22
+
+_SEGMENTS = 8  # moves between obstacles in one step
+_REST = 1e-9  # of the step: less is none left
+_NEWS = 0.2
+
+
+@kernel
+def wrap_pitch(angle: float, pitch: float) -> float:
+    """Return the angle from the middle of the nearest gap, rad, within half a pitch."""
+    return float(angle - pitch * math.floor(angle / pitch + 0.5))
+
+
+@kernel
+def chamfer_limit(p: Array, place: float) -> float:
+    """Return how far the dogs let the sleeve travel at ``place`` rad off the middle of a gap, m."""
+    if abs(place) <= p[P_HALF]:
+        return float(p[P_END])
+    return float(p[P_TIP] + (0.5 * p[P_PITCH] - abs(place)) * p[P_SLOPE])
+
+
+@kernel
+def _friction(p: Array, s: float, outward: bool, force: float, dogs: float) -> float:
+    """Return the dry friction at travel ``s``, N: guide, rubbing past the ring, flanks of the dogs."""
+    dry: float = p[P_GUIDE_FRICTION]
+    if s > p[P_DOGS]:
+        dry += p[P_DOG_HOLD] * dogs
+    elif s >= p[P_BLOCKING] and outward and force > 0.0:
+        dry += p[P_FLIGHT_SHARE] * force
+    return dry
+
+
+@kernel
+def _turn_ring(
+    p: Array, x: Array, side: float, push: float, slip: float, held: float, torque: float
+) -> None:
+    """Let the cone's torque keep the ring in the sleeve's way, or the chamfers turn it out of it."""
+    s = side * x[X_POSITION]
+    if s < p[P_BLOCKING]:
+        x[X_RING] = 0.0
+        if s > p[P_STRUT] and slip != 0.0:
+            x[X_BLOCKING_SIGN] = -1.0 if slip > 0.0 else 1.0
+    elif s == p[P_BLOCKING]:
+        if held < 0.5:
+            x[X_RING] = 0.0
+            if slip != 0.0:
+                x[X_BLOCKING_SIGN] = -1.0 if slip > 0.0 else 1.0
+        elif push > 0.0:
+            # What the cone carries in the direction that blocks works against the chamfers.
+            net = push - torque * x[X_BLOCKING_SIGN] / p[P_INDEX_LEVER]
+            if net > 0.0:
+                x[X_RING] = min(x[X_RING] + p[P_DT] * p[P_INDEX_RATE] * net, 1.0)
+
+
+@kernel
+def _with_chamfers(
+    p: Array, x: Array, side: float, limit: float, push: float, stiffness: float, out: Array
+) -> float:
+    """Go with the chamfers from the old place to ``limit``; return what they took, J.
+
+    Their speed is that of the way; the change to it is a plastic blow.
+    """
+    s, v = side * x[X_POSITION], side * x[X_VELOCITY]
+    dt, m = p[P_DT], p[P_MASS]
+    way = limit - s
+    new = way / dt
+    mean = push - 0.5 * stiffness * way
+    pull = mean_pull(p, s, way)
+    dry = _friction(p, s, way >= 0.0, push, 0.0)
+    press = mean - pull - (-dry if way < 0.0 else dry) - p[P_DAMPING] * new - m * (new - v) / dt
+    out[OUT_WORK] += mean * way
+    out[OUT_ELASTIC] += elastic_change(p, s, limit)
+    out[OUT_FRICTION_LOSS] += dry * abs(way)
+    out[OUT_DAMPING_LOSS] += p[P_DAMPING] * new * way
+    out[OUT_KINETIC] += 0.5 * m * (new * new - v * v)
+    out[OUT_STOP_LOSS] += 0.5 * m * (new - v) * (new - v)
+    x[X_POSITION], x[X_VELOCITY] = side * limit, side * new
+    # A part of the news at a time: the inertias answer a step late to what the sleeve presses with.
+    x[X_PRESS] += _NEWS * (max(press, 0.0) - x[X_PRESS])
+    return float(press * way)
+
+
+@kernel
+def _move(
+    p: Array,
+    x: Array,
+    low: float,
+    high: float,
+    force: float,
+    stiffness: float,
+    dogs: float,
+    out: Array,
+) -> float:
+    """Move between two obstacles; return the greatest speed at which one further out was met, m/s."""
+    position, velocity = x[X_POSITION], x[X_VELOCITY]
+    start, remaining, m = position, p[P_DT], p[P_MASS]
+    struck = 0.0
+    for _ in range(_SEGMENTS):
+        push = force - stiffness * (position - start)
+        net = push + notch_force(p, position)
+        outward = velocity if velocity != 0.0 else net
+        direction = 1.0 if outward > 0.0 else -1.0
+        limit = high if direction > 0.0 else low
+        if (position - limit) * direction >= 0.0:
+            if velocity == 0.0:
+                break
+            out[OUT_STOP_LOSS] += 0.5 * m * velocity * velocity
+            out[OUT_KINETIC] -= 0.5 * m * velocity * velocity
+            struck = max(struck, abs(velocity))
+            velocity = 0.0
+            continue
+        away = position * direction >= 0.0
+        dry = _friction(p, abs(position), away, push * direction, dogs)
+        if velocity == 0.0 and abs(net) <= dry:
+            break
+        drive = push - direction * dry
+        time = remaining
+        way = way_in_time(p, position, velocity, drive, stiffness, time)
+        new = 2.0 * way / time - velocity
+        if new * direction <= 0.0 and velocity != 0.0:
+            rest = way_to_rest(p, position, velocity, drive, stiffness)
+            if 2.0 * rest / velocity <= time:
+                way, new, time = rest, 0.0, 2.0 * rest / velocity
+        if (position + way - limit) * direction >= 0.0:
+            way = limit - position
+            mean = speed_over_way(p, position, velocity, drive, stiffness, way)
+            new, time = 2.0 * mean - velocity, way / mean
+        out[OUT_WORK] += (push - 0.5 * stiffness * way) * way
+        out[OUT_ELASTIC] += elastic_change(p, position, position + way)
+        out[OUT_FRICTION_LOSS] += dry * abs(way)
+        out[OUT_DAMPING_LOSS] += p[P_DAMPING] * way / time * way
+        out[OUT_KINETIC] += 0.5 * m * (new * new - velocity * velocity)
+        position = limit if way == limit - position else position + way
+        velocity = new
+        remaining -= time
+        if remaining <= _REST * p[P_DT]:
+            break
+    x[X_POSITION], x[X_VELOCITY] = position, velocity
+    return struck
+
+
+@kernel
+def _throw_back(p: Array, x: Array, side: float, slip: float, out: Array) -> float:
+    """Let dogs that slip throw the sleeve back; return the energy that takes from them, J.
+
+    The driveline pays for it in its next step, by a torque against the slip.
+    """
+    old, speed = x[X_VELOCITY], min(p[P_RATCHET] * abs(slip), p[P_RATCHET_MAX])
+    brought, taken = 0.5 * p[P_MASS] * old * old, 0.5 * p[P_MASS] * speed * speed
+    out[OUT_STOP_LOSS] += brought
+    out[OUT_KINETIC] += taken - brought
+    x[X_VELOCITY] = -side * speed
+    x[X_GRATING] = 1.0
+    x[X_PRESS] = 0.0
+    x[X_TORQUE] = -taken / (slip * p[P_DT])
+    return float(taken)
+
+
+@kernel
+def _zone(p: Array, x: Array, s: float) -> int:
+    """Return where the sleeve is."""
+    if s <= p[P_STRUT]:
+        return CENTRE if s <= p[P_NEUTRAL_WIDTH] else FREE
+    if s < p[P_BLOCKING]:
+        return PRESYNC
+    if x[X_GRATING] > 0.5:
+        return GRATING
+    if s == p[P_BLOCKING] and x[X_RING] < 1.0:
+        return INDEXING if x[X_RING] > 0.0 else BLOCKED
+    if s <= p[P_DOGS]:
+        return TOOTH_ON_TOOTH if x[X_PRESS] > 0.0 else FLIGHT
+    if s >= p[P_END]:
+        return STOP
+    return ENGAGED if s - p[P_DOGS] >= p[P_OVERLAP] else ENTERING
+
+
+@kernel
+def _tell(p: Array, x: Array, push: float, out: Array) -> None:
+    """Write what the driveline has to know of the gear on whose side the sleeve stands."""
+    position = x[X_POSITION]
+    s = abs(position)
+    gear = 0 if position > 0.0 else 1
+    ring = 0.0
+    if s <= p[P_DOGS]:
+        if s < p[P_BLOCKING]:
+            ring = strut_force(p, s)
+        elif s == p[P_BLOCKING] and x[X_RING] < 1.0:
+            ring = max(push - p[P_GUIDE_FRICTION], 0.0)
+        else:
+            ring = p[P_FLIGHT_SHARE] * max(push, 0.0)
+        drag = p[P_FACE_DRAG] * x[X_PRESS]
+        if x[X_GRATING] > 0.5:
+            drag += p[P_GRATING_DRAG] * max(push, 0.0)
+        out[OUT_CONE1 + gear] = p[P_CONE1 + gear] * ring
+        out[OUT_DRAG1 + gear] = drag
+        out[OUT_CHAMFER1 + gear] = x[X_TORQUE]
+    else:
+        out[OUT_DOG1 + gear] = 1.0
+    zone = _zone(p, x, s)
+    x[X_ZONE] = zone
+    out[OUT_POSITION], out[OUT_VELOCITY] = position, x[X_VELOCITY]
+    out[OUT_ZONE], out[OUT_RING_FORCE] = zone, ring
 
 
 @kernel
@@ -41,6 +294,7 @@ def sleeve_step(
     p: NDArray[np.float64],
     x: NDArray[np.float64],
     force: float,
+    stiffness: float,
     slip1: float,
     slip2: float,
     angle1: float,
@@ -56,17 +310,108 @@ def sleeve_step(
     Args:
         p: parameters, ``(N_PARAMETERS,)`` of :mod:`hev_can_emu.plant.sleeve_parameters`.
         x: state, ``(N_STATE,)``, changed in place; all zero is neutral at rest.
-        force: of the cylinder on the sleeve, held over the step, N, positive towards G1.
+        force: of the cylinder on the sleeve at the start of the step, N, positive towards G1.
+        stiffness: by which it falls with the sleeve's travel within the step, N/m; 0: it is held.
         slip1, slip2: speed of the sleeve minus that of each gear, rad/s.
         angle1, angle2: the same of the angles, rad, whole pitches do not count; 0 where a tooth stands
             in the middle of its gap.  Not looked at while that gear's dogs overlap.
         held1, held2: 1 where the driveline holds sleeve and gear.
-        torque1, torque2: that the lock of sleeve and gear carries, N m.
+        torque1, torque2: that the lock of sleeve and gear carries, N m, as it acts on the sleeve.
         out: ``(N_OUT,)``.  Capacities are to be added per lock (cone and drag); the chamfer torque acts
-            on the sleeve and, reversed, on the gear.  The gap is valid in the step in which
-            the dog flag rises.  Energies: work of the force; change of kinetic and of elastic energy;
-            heat of damping, of dry friction, of blows; work of the dogs' chamfers and of grating
-            on the sleeve (negative: it turns the gear).  Work of force and dogs is the sum of the rest.
+            on the sleeve and, reversed, on the gear, also while they are held.  The gap is valid in the
+            step in which the dog flag rises.  Energies: work of the force; change of kinetic and of elastic
+            energy; heat of damping, of dry friction, of blows; work of the chamfer torque told in the
+            step before on the sleeve (the negative of what it did in the driveline); lag: what the
+            sleeve's own motion gave to the chamfers, less what the driveline got.
+            ``OUT_WORK + OUT_TOOTH_WORK`` is the sum of the rest.
     """
     out[:] = 0.0
-    out[OUT_POSITION] = x[X_POSITION] + 0.0 * p[P_DOGS]
+    start = x[X_POSITION]
+    side = 1.0
+    slip, angle, held, torque = slip1, angle1, held1, torque1
+    if start < 0.0:
+        side = -1.0
+        slip, angle, held, torque = slip2, angle2, held2, torque2
+    s = side * start
+    push = side * force
+    blocking = p[P_BLOCKING]
+    if x[X_VELOCITY] == 0.0 and x[X_TORQUE] == 0.0 and (s < blocking or s > p[P_DOGS]):
+        # Most of the time it rests.  No call takes an array here: each would cost as much as all of this.
+        struts = pull(p[P_STRUT_FORCE], p[P_STRUT], blocking - p[P_STRUT], s)
+        width = p[P_ENGAGED_WIDTH]
+        net = push - struts - pull(p[P_NEUTRAL_FORCE], 0.0, p[P_NEUTRAL_WIDTH], s)
+        net += pull(p[P_ENGAGED_FORCE], p[P_END] - width, width, s)
+        dry = p[P_GUIDE_FRICTION]
+        if s > p[P_DOGS]:
+            dry += p[P_DOG_HOLD] * abs(torque)
+        if abs(net) <= dry or (s >= p[P_END] and net > 0.0):
+            gear = 0 if start > 0.0 else 1
+            if s > p[P_DOGS]:
+                zone = STOP if s >= p[P_END] else ENGAGED
+                if s - p[P_DOGS] < p[P_OVERLAP]:
+                    zone = ENTERING
+                out[OUT_DOG1 + gear] = 1.0
+            else:
+                zone = CENTRE if s <= p[P_NEUTRAL_WIDTH] else FREE
+                x[X_RING] = x[X_GRATING] = 0.0
+                if s > p[P_STRUT]:
+                    zone = PRESYNC
+                    if slip != 0.0:
+                        x[X_BLOCKING_SIGN] = -1.0 if slip > 0.0 else 1.0
+                    out[OUT_CONE1 + gear] = p[P_CONE1 + gear] * struts
+                    out[OUT_RING_FORCE] = struts
+            x[X_ZONE] = zone
+            out[OUT_POSITION], out[OUT_ZONE] = start, zone
+            return
+    outside = s <= p[P_DOGS]
+    place, told, given = 0.0, 0.0, 0.0
+    if outside:
+        place = wrap_pitch(angle, p[P_PITCH])
+        told = x[X_TORQUE] * wrap_pitch(place - x[X_ANGLE], p[P_PITCH])
+        x[X_ANGLE] = place
+    x[X_TORQUE] = 0.0
+    _turn_ring(p, x, side, push - p[P_GUIDE_FRICTION], slip, held, torque)
+    fast = abs(slip) > p[P_DOG_SLIP]
+
+    # Obstacles: the other gear's ring never lets the sleeve pass from this side of the centre.
+    limit = p[P_END]
+    dogs_meet = False
+    if outside:
+        if s <= blocking and x[X_RING] < 1.0:
+            limit = blocking
+        else:
+            limit = p[P_TIP] if fast and s <= p[P_TIP] else chamfer_limit(p, place)
+            dogs_meet = limit < p[P_END]
+    pressed = False
+    if dogs_meet and (x[X_PRESS] > 0.0 or limit < s):
+        dry = _friction(p, s, True, push, 0.0)
+        way = way_in_time(p, s, side * x[X_VELOCITY], push - dry, stiffness, p[P_DT])
+        pressed = s + way >= limit
+    if pressed:
+        given = _with_chamfers(p, x, side, limit, push, stiffness, out)
+        if fast and limit <= s:
+            given -= _throw_back(p, x, side, slip, out)
+    else:
+        x[X_PRESS] = 0.0
+        low, high = -blocking, limit
+        if side < 0.0:
+            low, high = -limit, blocking
+        struck = _move(p, x, low, high, force, stiffness, abs(torque), out)
+        if dogs_meet and side * x[X_POSITION] == limit:
+            if fast and struck > 0.0:
+                given -= _throw_back(p, x, side, slip, out)
+            else:
+                x[X_PRESS] = _NEWS * max(push - _friction(p, limit, True, push, 0.0), 0.0)
+
+    s = side * x[X_POSITION]
+    push -= side * stiffness * (x[X_POSITION] - start)
+    if not fast or push <= 0.0 or s > p[P_DOGS] or s < blocking:
+        x[X_GRATING] = 0.0
+    if outside and s > p[P_DOGS]:
+        out[OUT_GAP1 if side > 0.0 else OUT_GAP2] = min(max(place, -p[P_HALF]), p[P_HALF])
+        x[X_PRESS] = 0.0
+    if x[X_PRESS] > 0.0:
+        x[X_TORQUE] = -p[P_SLOPE] * x[X_PRESS] if place > 0.0 else p[P_SLOPE] * x[X_PRESS]
+    out[OUT_TOOTH_WORK] = -told
+    out[OUT_TOOTH_LAG] = given - told
+    _tell(p, x, push if x[X_POSITION] * side >= 0.0 else -push, out)

@@ -22,7 +22,7 @@ P_INDEX_RATE, P_FLIGHT_SHARE = 17, 18
 P_PITCH, P_HALF, P_SLOPE = 19, 20, 21
 P_FACE_DRAG, P_GRATING_DRAG, P_DOG_HOLD = 22, 23, 24
 P_DOG_SLIP, P_RATCHET, P_RATCHET_MAX = 25, 26, 27
-P_DEPTH, P_STIFFNESS = 28, 29
+P_INDEX_LEVER, P_STIFFNESS = 28, 29
 N_PARAMETERS = 30
 
 
@@ -193,7 +193,7 @@ class SleeveParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 self.dog_slip,
                 self.ratchet_share * self.dog_radius,
                 self.ratchet_speed,
-                self.chamfer_depth,
+                self.index_lever,
                 4.0 * steepest,
             ]
         )
