@@ -38,6 +38,7 @@ _SHIFTING[
         ports.SYNC_SYNCHRONISING,
         ports.SYNC_INDEX,
         ports.SYNC_GRATING,
+        ports.SYNC_TOOTH_ON_TOOTH,
         ports.SYNC_DISENGAGING,
     ]
 ] = 1

@@ -402,6 +402,13 @@ def sleeve_step(
                 given -= _throw_back(p, x, side, slip, out)
             else:
                 x[X_PRESS] = _NEWS * max(push - _friction(p, limit, True, push, 0.0), 0.0)
+                # Chamfers that give way take it along.
+                away = p[P_SLOPE] * (-slip if place > 0.0 else slip)
+                kept = min(max(away, 0.0), struck)
+                kept_energy = 0.5 * p[P_MASS] * kept * kept
+                out[OUT_STOP_LOSS] -= kept_energy
+                out[OUT_KINETIC] += kept_energy
+                x[X_VELOCITY] = side * kept
 
     s = side * x[X_POSITION]
     push -= side * stiffness * (x[X_POSITION] - start)

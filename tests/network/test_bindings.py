@@ -126,7 +126,10 @@ def test_codes_of_the_shipped_network_are_the_ports(
     families = {
         "DrivingMode": ("MODE_", {"Electric": "ELECTRIC_", "Parallel": "PARALLEL_"}),
         "EM1ControlMode": ("CONTROL_", {}),
-        "SynchronizerState": ("SYNC_", {"BlockedByTorque": "BLOCKED_BY_TORQUE"}),
+        "SynchronizerState": (
+            "SYNC_",
+            {"BlockedByTorque": "BLOCKED_BY_TORQUE", "ToothOnTooth": "TOOTH_ON_TOOTH"},
+        ),
         "EngineLimitReason": (
             "LIMIT_",
             {"BatteryPower": "BATTERY_POWER", "SlewRate": "SLEW", "RequestLost": "REQUEST_LOST",
