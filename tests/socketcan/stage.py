@@ -36,7 +36,6 @@ def main() -> int:
     RESULTS.mkdir(parents=True)
     with tempfile.TemporaryDirectory(prefix="hev-can-emu-") as folder:
         scratch = Path(folder)
-        make_requests(scratch)
         try:
             code = run_with_vcan0(TESTS, scratch)
         except (NoVcanError, subprocess.TimeoutExpired) as error:
@@ -55,17 +54,6 @@ def main() -> int:
 def fail(why: str) -> int:
     print(f"socketcan: FAIL: {why}", file=sys.stderr)
     return 1
-
-
-def make_requests(scratch: Path) -> None:
-    """Leave there what a controller sends for the mode switch, from a run in virtual time."""
-    command = str(Path(sys.executable).parent / "hev-can-emu")
-    subprocess.run(
-        [command, "scenario", "run", HERE / "mode_switch.yaml", "--no-plot", "--out", scratch],
-        check=True,
-        stdout=subprocess.DEVNULL,
-    )
-    (scratch / "mode_switch.log").rename(scratch / "everything.log")
 
 
 if __name__ == "__main__":
