@@ -85,7 +85,7 @@ class Link:
         self._requests: deque[Request] = deque()
         self._notices: deque[str] = deque(maxlen=64)
         self._sent = self._refused = self._connections = 0
-        self._told_lost = False
+        self._told_lost = self._online = False
         self._stopping = False
         self._protocol = 4 if address.embedded else 5
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -202,7 +202,8 @@ class Link:
         self._wake.set()
         session = self._session
         if session is not None:
-            asyncio.get_running_loop().call_later(GRACE_S, session.cancel)
+            grace_s = GRACE_S if self._online else 0.0
+            asyncio.get_running_loop().call_later(grace_s, session.cancel)
 
     def _take_snapshot(self) -> None:
         slot, self._slot = self._slot, None
@@ -226,7 +227,7 @@ class Link:
         try:
             async with self._client() as client:
                 self._connections += 1
-                self._told_lost = False
+                self._told_lost, self._online = False, True
                 self._notices.append(f"connected to {self._address.describe()}")
                 await self._tell_status(client, "online")
                 if self._commands:
@@ -242,6 +243,8 @@ class Link:
             self._lost(error)
         except (OSError, ValueError) as error:
             self._lost(error)
+        finally:
+            self._online = False
 
     def _lost(self, error: Exception) -> None:
         text = str(error) or type(error).__name__
