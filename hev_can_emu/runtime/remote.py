@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from hev_can_emu.ecu.faults import parse
 from hev_can_emu.errors import InputError
 from hev_can_emu.runtime import tick
 from hev_can_emu.runtime.emulator import Emulator
 from hev_can_emu.runtime.publishing import Publisher
 from hev_can_emu.scenario.place import Place
 from hev_can_emu.scenario.signals import Signals
-from hev_can_emu.telemetry.mqtt_commands import Action, Input, obey
+from hev_can_emu.telemetry.mqtt_commands import Action, FaultClear, FaultInject, Input, obey
 from hev_can_emu.telemetry.mqtt_link import Link
 
 
@@ -29,7 +30,11 @@ class Remote:
         self._emulator = emulator
         self._link = link
         self._signals = Signals(emulator.database.messages)
-        self._actions: Mapping[str, Action] = {"input": self._set_input}
+        self._actions: Mapping[str, Action] = {
+            "input": self._set_input,
+            "fault/inject": self._inject,
+            "fault/clear": self._clear,
+        }
 
     def look(self) -> None:
         """Leave the statuses as they are now, and do what has been asked for."""
@@ -57,3 +62,15 @@ class Remote:
         value = signal.parse(command.value, place / "value")
         emulator.set_value(signal.index, value)
         return {"signal": f"{signal.message}.{signal.name}", "value": signal.say(value)}
+
+    def _inject(self, command: FaultInject) -> dict[str, Any]:
+        name = self._emulator.inject(parse(command.inject, "command/fault/inject: inject"))
+        return {"name": name}
+
+    def _clear(self, command: FaultClear) -> dict[str, Any]:
+        names = [command.clear]
+        if command.clear is None:
+            names = [each.name for each in self._emulator.faults if each.state != "ended"]
+        for name in names:
+            self._emulator.clear(str(name))
+        return {"cleared": names}

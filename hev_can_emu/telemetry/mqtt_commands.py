@@ -42,15 +42,15 @@ class ScenarioStop(Command, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
 
 class FaultInject(Command, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Inject a fault, written as in a scenario."""
+    """Inject a fault, written as in a scenario's ``inject``."""
 
-    fault: dict[str, Any]
+    inject: dict[str, Any]
 
 
 class FaultClear(Command, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """End an injected fault; all of them without a name."""
+    """End the fault of this name; all that are live without one."""
 
-    name: str | None = None
+    clear: str | None = None
 
 
 class Input(Command, frozen=True, kw_only=True, forbid_unknown_fields=True):

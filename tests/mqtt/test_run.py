@@ -73,6 +73,18 @@ def test_a_car_is_told_of_obeys_and_says_that_it_leaves(tmp_path: Path) -> None:
                 "command/input: value: expected a number in Nm or a label, got '80 km/h'; "
                 "HCU_EM2Request.EM2TorqueRequest is in Nm"
             )
+            ear.ask(VIN, "fault/inject", {"inject": {"fault": "drop", "message": "EMS_Status"}})
+            name = ear.until("/response/fault/inject").body["name"]
+            begun = ear.until("/event/fault", lambda b: "begins" in b["text"]).body
+            assert begun["text"] == f"{name} begins"
+            ear.ask(VIN, "fault/inject", {"inject": {"fault": "drp", "message": "EMS_Status"}})
+            refused = ear.until("/response/fault/inject", lambda b: not b["ok"]).body["error"]
+            assert refused.startswith(
+                "command/fault/inject: inject.fault: expected a kind of fault, got 'drp'; did you mean 'drop'"
+            )
+            ear.ask(VIN, "fault/clear", {})
+            assert ear.until("/response/fault/clear").body["cleared"] == [name]
+            ear.until("/event/fault", lambda b: b["text"].startswith(f"{name} ends, "))
             ear.heard.clear()
             process.send_signal(signal.SIGTERM)
             assert process.wait(LIMIT_S) == 0
