@@ -1,0 +1,192 @@
+"""The plant beside its peers, in one run on one core: python benchmarks/plant.py
+
+Peers on the same linear driveline (parallel G1, without any machine, friction or event): SciPy's `solve_ivp`
+started anew each millisecond, as a co-simulation must (Radau and LSODA, rtol 1e-6), `scipy.signal.lsim` and
+`dlsim`, and openTorsion's transient simulation over a whole run.  Ours is always the whole plant of
+that name.  Rounds are interleaved and the best of each is told (a busy machine only adds); figures are
+multiples of real time.  The last line is the time that a fresh process takes to its first tick.
+"""
+
+from __future__ import annotations
+
+import os
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+
+import numpy as np
+import opentorsion as ot
+from scipy.integrate import solve_ivp
+from scipy.signal import dlsim, lsim
+
+from hev_can_emu.plant import powertrain
+from hev_can_emu.plant.assembly import Start, build_plant, driveline_structure, start_state
+from hev_can_emu.plant.events import EVENT
+from hev_can_emu.plant.state_space import discrete, state_space
+from hev_can_emu.plant.structure import BRANCHES, CONFIGURATIONS, full_order
+from hev_can_emu.plant.vehicle import MESHES, DrivelineParameters
+from hev_can_emu.runtime.emulator import Emulator
+from hev_can_emu.runtime.setup import Setup, load_car
+
+ROUNDS = 7
+FIRST_TICKS = 5
+TORQUE = 60.0  # N m, of EM2
+
+Case = tuple[str, Callable[[], float], float | None]
+"""Name, a run that returns the seconds it simulated, the goal in multiples of real time."""
+
+
+def peers(parameters: DrivelineParameters) -> list[Case]:
+    """Return what one would take instead, on the linear driveline in parallel G1."""
+    system = state_space(
+        full_order(parameters), CONFIGURATIONS["parallel_g1"], parameters.tyre_radius
+    )
+    force = system.b[:, system.input("em2_torque")] * TORQUE
+    start = np.zeros(len(system.a))
+
+    def restarted(method: str, milliseconds: int) -> float:
+        x = start
+        for _ in range(milliseconds):
+            x = solve_ivp(
+                lambda t, y: system.a @ y + force, (0.0, 1e-3), x, method=method, rtol=1e-6,
+                atol=1e-9, jac=system.a if method == "Radau" else lambda t, y: system.a,
+            ).y[:, -1]  # fmt: skip
+        return milliseconds * 1e-3
+
+    times = np.arange(1001) * 1e-3
+    inputs = np.full((len(times), 1), TORQUE)
+    column = force[:, None] / TORQUE
+    nothing = np.zeros((1, 1))
+    row = system.c[[system.output("vehicle_speed")]]
+
+    def whole_lsim() -> float:
+        lsim((system.a, column, row, nothing), inputs, times)
+        return float(times[-1])
+
+    ad, bd = discrete(system, 1e-3)
+    step = bd[:, [system.input("em2_torque")]]
+
+    def whole_dlsim() -> float:
+        dlsim((ad, step, row, nothing, 1e-3), inputs)
+        return float(times[-1])
+
+    assembly = open_torsion(parameters)
+    node = PARTS.index("Jm2")
+
+    a, b, _, _ = assembly.state_space()
+    own_ad, own_bd = assembly.continuous_2_discrete(a, b, 1e-3)
+    torques = np.zeros((len(PARTS), len(times)))
+    torques[node] = TORQUE
+
+    def open_torsion_loop() -> float:
+        # What its `dsim` does; its minimal coordinates grow without bound with elastic gears.
+        x = np.zeros((len(own_ad), len(times)))
+        for i in range(len(times) - 1):
+            x[:, i + 1] = own_ad @ x[:, i] + own_bd @ torques[:, i]
+        assert np.isfinite(x[:, -1]).all()
+        return float(times[-1])
+
+    return [
+        ("SciPy Radau, restarted each ms", lambda: restarted("Radau", 5), None),
+        ("SciPy LSODA, restarted each ms", lambda: restarted("LSODA", 20), None),
+        ("SciPy lsim, whole run", whole_lsim, None),
+        ("SciPy dlsim, whole run", whole_dlsim, None),
+        ("openTorsion, whole run", open_torsion_loop, None),
+    ]
+
+
+MERGED = {"Jc2": "Jc1", "Jg11": "Jsleeve"}
+PARTS: list[str] = []
+
+
+def open_torsion(p: DrivelineParameters) -> ot.Assembly:
+    """Return the same driveline in openTorsion, C1 and G1 closed."""
+    PARTS[:] = [name for name in p.inertias if name not in MERGED]
+    node = {name: PARTS.index(MERGED.get(name, name)) for name in p.inertias}
+    shafts, gears = [], []
+    for branch, start, end, r_start, r_end in BRANCHES:
+        k, c = p.stiffness[f"k{branch}"], p.damping[f"c{branch}"]
+        if branch not in MESHES:
+            shafts.append(ot.Shaft(node[start], node[end], k=k, c=c))
+            continue
+        first, second = p.base_radii[r_start], p.base_radii[r_end]
+        parent = ot.ElasticGear(node[start], I=0.0, R=first)
+        child = ot.ElasticGear(
+            node[end], I=0.0, R=second, k=k * first**2, c=c * first**2, parent=parent
+        )
+        gears += [parent, child]
+    disks = [ot.Disk(node[name], I=value) for name, value in p.inertias.items()]
+    return ot.Assembly(shafts, disk_elements=disks, elastic_gear_elements=gears)
+
+
+def plants() -> list[Case]:
+    """Return the whole plant of each fidelity, in loops and call by call, and the emulator around it."""
+    parameters, machines, _ = load_car("dai2024")
+    cases: list[Case] = []
+    for model in ("4dof", "16dof"):
+        plant = build_plant(parameters, machines, driveline_structure(parameters, model))
+        x, n, y = start_state(plant, Start())
+        u = np.full(len(powertrain.COMMANDS), np.nan)
+        u[: powertrain.U_GRADE] = 0.0
+        u[powertrain.U_CONTACTOR] = 1.0
+        u[powertrain.U_EM2_MODE], u[powertrain.U_EM2_TORQUE] = powertrain.TORQUE, TORQUE
+        work, events = np.zeros(powertrain.WORK), np.zeros(64, dtype=EVENT)
+
+        def by_call(
+            plant: powertrain.Plant = plant,
+            arrays: tuple[np.ndarray, ...] = (x, n, u, y, work),
+            events: np.ndarray = events,
+        ) -> float:
+            for k in range(1000):
+                powertrain.plant_step(plant, *arrays, k * 1_000_000, events, 0)
+            return 1.0
+
+        goal = 300.0 if model == "16dof" else None
+        cases.append((f"{model}, one tick per call", by_call, goal))
+    for model in ("4dof", "16dof"):
+        emulator = Emulator(Setup(model=model))
+
+        def at_once(emulator: Emulator = emulator) -> float:
+            emulator.advance(emulator.now_ns + 1_000_000_000)
+            return 1.0
+
+        cases.append((f"{model} on its bus, 1000 ticks per call", at_once, None))
+    return cases
+
+
+FIRST_TICK = """
+from hev_can_emu.runtime.emulator import Emulator
+from hev_can_emu.runtime.setup import Setup
+Emulator(Setup(model={model!r})).advance(1_000_000)
+"""
+
+
+def first_tick(model: str) -> float:
+    """Return the seconds from the start of a fresh process to the end of its first tick."""
+    started = time.perf_counter()
+    subprocess.run([sys.executable, "-c", FIRST_TICK.format(model=model)], check=True)
+    return time.perf_counter() - started
+
+
+def main() -> None:
+    """Print multiples of real time, and the time to the first tick."""
+    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+    parameters, _, _ = load_car("dai2024")
+    cases = peers(parameters) + plants()
+    best = {name: 0.0 for name, *_ in cases}
+    for _ in range(ROUNDS + 1):  # the first round compiles and warms up
+        for name, run, _ in cases:
+            started = time.perf_counter()
+            simulated = run()
+            best[name] = max(best[name], simulated / (time.perf_counter() - started))
+    for name, _, goal in cases:
+        told = "" if goal is None else f"   goal {goal:g}"
+        print(f"{name:<42} {best[name]:10.3g} x real time{told}")
+    times = [first_tick("16dof") for _ in range(FIRST_TICKS)]
+    print(f"{'first tick of a fresh process':<42} {statistics.median(times):10.2f} s   goal 2.5 s")
+
+
+if __name__ == "__main__":
+    main()
