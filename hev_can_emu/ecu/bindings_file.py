@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 import msgspec
 
 from hev_can_emu.ecu.network_file import ProtectionBinding, Sending
+from hev_can_emu.ecu.sensors_file import Sensor
 
 Ownership = Literal["emulated", "external", "silent"]
 Reaction = Literal["hold", "ramp_to_zero", "open_clutch"]
@@ -72,8 +73,9 @@ class NodeBinding(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
 
 class Bindings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A bindings file; nodes count in the file's order."""
+    """A bindings file; nodes count in the file's order; ``sensors`` by status port."""
 
     version: Literal[1]
     nodes: dict[str, NodeBinding]
     messages: dict[str, MessageBinding]
+    sensors: dict[str, Sensor] = {}

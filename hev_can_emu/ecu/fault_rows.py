@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hev_can_emu.ecu import fault_table as table
-from hev_can_emu.ecu import faults
+from hev_can_emu.ecu import faults, ports
 from hev_can_emu.ecu.fault_table import FaultTable
 from hev_can_emu.ecu.faults import Fault, Value
 from hev_can_emu.errors import InputError, did_you_mean
@@ -21,6 +21,13 @@ from hev_can_emu.units import parse_quantity, unit
 # Codes of the kinds, in the order in which they act on one frame.
 KINDS = tuple(faults.CATALOGUE)
 CODES = {name: code for code, name in enumerate(KINDS)}
+
+MACHINES = ("engine", "em1", "em2")
+ACTUATORS = ("engine", "em1", "em2", "clutch", "shift", "brake", "contactors")
+VALVES = ("clutch", "g1", "g2")
+
+_ACTUATOR_UNITS = {"shift": "N", "contactors": ""}
+_TICK_S = 1e-3
 
 
 class Network(NamedTuple):
@@ -204,3 +211,50 @@ class _Filler:
         whole[table.TARGET] = fault.length
         whole[table.MARK] = int(fault.extended)
         whole[table.TIME_NS] = round(number / 1000.0)
+
+    def _actuator_stuck(self, fault: Any, whole: np.ndarray, real: np.ndarray) -> None:
+        whole[table.TARGET] = ACTUATORS.index(fault.actuator)
+        real[table.VALUE] = math.nan
+        if fault.value is None:
+            return
+        where = f"{self._where}.value"
+        expect = _ACTUATOR_UNITS.get(fault.actuator, "Nm")
+        number = fault.value
+        if isinstance(number, str):
+            number = parse_quantity(number, where, expect).si_value
+        if not math.isfinite(number):
+            raise InputError(where, "a finite number", f"{number}")
+        if fault.actuator == "contactors" and number not in (0, 1):
+            raise InputError(where, "0 (open) or 1 (closed)", f"{number:g}")
+        if fault.actuator in ("clutch", "shift", "brake") and number < 0.0:
+            raise InputError(where, "0 or more", f"{number:g}")
+        real[table.VALUE] = number
+
+    def _actuator_slow(self, fault: Any, whole: np.ndarray, real: np.ndarray) -> None:
+        whole[table.TARGET] = ACTUATORS.index(fault.actuator)
+        real[table.VALUE] = math.exp(
+            -_TICK_S / faults.seconds(fault.time_constant, "time_constant")
+        )
+
+    def _sensor_failure(self, fault: Any, whole: np.ndarray, real: np.ndarray) -> None:
+        known = [port.name for port in ports.STATUSES]
+        if fault.sensor not in known:
+            raise self._refuse("sensor", "a status port", fault.sensor, known)
+        whole[table.TARGET] = known.index(fault.sensor)
+        whole[table.NUMBER] = int(fault.mode == "lost")
+
+    def _machine_derated(self, fault: Any, whole: np.ndarray, real: np.ndarray) -> None:
+        whole[table.TARGET] = MACHINES.index(fault.machine)
+        real[table.VALUE] = fault.share
+
+    def _machine_tripped(self, fault: Any, whole: np.ndarray, real: np.ndarray) -> None:
+        whole[table.TARGET] = MACHINES.index(fault.machine)
+
+    _machine_short_circuit = _machine_tripped
+
+    def _clutch_leak(self, fault: Any, whole: np.ndarray, real: np.ndarray) -> None:
+        real[table.VALUE] = fault.share
+
+    def _valve_stuck(self, fault: Any, whole: np.ndarray, real: np.ndarray) -> None:
+        whole[table.TARGET] = VALVES.index(fault.valve)
+        real[table.VALUE] = fault.opening

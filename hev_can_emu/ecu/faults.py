@@ -262,7 +262,8 @@ class ActuatorStuck(_Fault, frozen=True, kw_only=True):
 
     actuator: Actuator
     value: Annotated[
-        Value | None, _meta("where; as commanded last if left out", "N m, N, or 0 and 1")
+        Value | None,
+        _meta("where; where it is at the first effect if left out", "N m, N, or 0 and 1"),
     ] = None
 
 
@@ -323,6 +324,8 @@ Fault = (
     | CrcWrong | CrcFrozen | CrcRandom | CrcOffset | WrongLength
     | Drop | Delay | Jitter | Duplicate | Reorder | SilentNode | BabblingNode
     | SignalStuck | SignalOffset | SignalNoise | SignalDrift | SignalNotAvailable
+    | ActuatorStuck | ActuatorSlow | SensorFailure
+    | MachineDerated | MachineTripped | MachineShortCircuit | ClutchLeak | ValveStuck
 )  # fmt: skip
 """Any fault that can be injected."""
 

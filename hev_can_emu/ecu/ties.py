@@ -108,22 +108,24 @@ def requests_from_signals(
 
 
 @kernel
+def sent_value(resolved: ResolvedBindings, tie: int, code: float) -> Any:
+    """Return the signal's value for what the port of one sent tie (index) holds, NaN not available."""
+    start, stop = resolved.tx_map_start[tie], resolved.tx_map_stop[tie]
+    if start == stop:
+        return code * resolved.tx_gain[tie] + resolved.tx_offset[tie]
+    for i in range(start, stop):
+        if resolved.map_code[i] == code:
+            return resolved.map_value[i]
+    return np.nan
+
+
+@kernel
 def message_from_statuses(
     resolved: ResolvedBindings, message: int, statuses: np.ndarray, values: np.ndarray
 ) -> None:
     """Carry ``statuses`` ports to the signals of one ``message`` (index) in ``values``."""
     for tie in range(resolved.tx_start[message], resolved.tx_start[message + 1]):
-        code = statuses[resolved.tx_port[tie]]
-        start, stop = resolved.tx_map_start[tie], resolved.tx_map_stop[tie]
-        if start == stop:
-            result = code * resolved.tx_gain[tie] + resolved.tx_offset[tie]
-        else:
-            result = np.nan
-            for i in range(start, stop):
-                if resolved.map_code[i] == code:
-                    result = resolved.map_value[i]
-                    break
-        values[resolved.tx_signal[tie]] = result
+        values[resolved.tx_signal[tie]] = sent_value(resolved, tie, statuses[resolved.tx_port[tie]])
 
 
 @kernel

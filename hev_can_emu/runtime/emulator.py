@@ -9,13 +9,14 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from hev_can_emu.ecu import control, fault_table, ports, supervision
+from hev_can_emu.ecu import control, fault_table, plant_faults, ports, supervision
 from hev_can_emu.ecu.bindings import resolve
 from hev_can_emu.ecu.fault_rows import Network
 from hev_can_emu.ecu.fault_table import FaultTable
 from hev_can_emu.ecu.faults import Fault
 from hev_can_emu.ecu.frame_faults import HELD_FRAMES
 from hev_can_emu.ecu.network import complete
+from hev_can_emu.ecu.sensors import resolve_sensors
 from hev_can_emu.ecu.ties import (
     OWNER_EMULATED,
     OWNER_EXTERNAL,
@@ -128,6 +129,9 @@ class Emulator:
             model=_MODELS[self.setup.model],
             tyre_radius=parameters.tyre_radius,
             brake_max=machines.brakes.max_torque,
+            clutch_max=machines.clutch.max_capacity,
+            force_max=machines.synchronizer.max_force,
+            sensors=resolve_sensors(bindings.sensors, document.where),
         )
         self._buffer, self.state = _allocate(self.constants, self.origin)
         network = Network(self.database, self.node_names, ties.message_node.tolist(), 0)
@@ -182,6 +186,7 @@ class Emulator:
         state.command[:] = np.nan
         for vector in (
             state.requests, state.kept, state.effective, state.values, state.encoded, state.on_bus,
+            state.sensed,
         ):  # fmt: skip
             vector[:] = np.nan
         state.share[:] = 1.0
@@ -315,6 +320,14 @@ class Emulator:
         """Every fault injected so far: what, when, until when, and how often it acted."""
         return self._book.records()
 
+    def measured(self, name: str) -> float:
+        """Return what a unit takes for measured, SI; ``name`` is a status port; raises InputError."""
+        names = [port.name for port in ports.STATUSES]
+        if name not in names:
+            hint = did_you_mean(name, names)
+            raise InputError("measured", "a status port", f"'{name}'", hint)
+        return float(self.state.statuses[names.index(name)])
+
     def take_events(self) -> list[Event]:
         """Return what happened since the last call."""
         events, self._noted = self._noted, []
@@ -416,6 +429,8 @@ def _allocate(
         "effective": (f8, (len(ports.REQUESTS),)),
         "share": (f8, (len(ports.REQUESTS),)),
         "statuses": (f8, (len(ports.STATUSES),)),
+        "sensed": (f8, (len(constants.sensors.port),)),
+        "health": (f8, (plant_faults.N_HEALTH,)),
         "unit_state": (f8, (control.N_STATE,)),
         "values": (f8, (signals,)),
         "encoded": (f8, (signals,)),

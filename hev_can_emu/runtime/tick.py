@@ -28,10 +28,12 @@ from hev_can_emu.ecu.frame_faults import (
     resume_counters,
     silence_nodes,
 )
-from hev_can_emu.ecu.reporting import statuses_from_truth
+from hev_can_emu.ecu.plant_faults import fault_commands, fault_statuses
+from hev_can_emu.ecu.reporting import MOTOR_INIT, statuses_from_truth
+from hev_can_emu.ecu.sensors import Sensors, measure
 from hev_can_emu.ecu.supervision import REFUSED as SUP_REFUSED
 from hev_can_emu.ecu.supervision import take_message, watch
-from hev_can_emu.ecu.ties import ResolvedBindings, message_from_statuses
+from hev_can_emu.ecu.ties import ResolvedBindings, message_from_statuses, sent_value
 from hev_can_emu.jit import JIT_DISABLED, inner_kernel, kernel
 from hev_can_emu.messages.codec import (
     M_COUNT,
@@ -86,6 +88,9 @@ class Constants(NamedTuple):
     model: int
     tyre_radius: float
     brake_max: float
+    clutch_max: float
+    force_max: float
+    sensors: Sensors
 
 
 class State(NamedTuple):
@@ -94,7 +99,8 @@ class State(NamedTuple):
     ``origin``: uint8 (messages), ORIGIN_*; ``muted``: uint8 (messages), 1 stops a message;
     ``told``: 1 once a second sender of the message was told of;
     ``values``: signals to send; ``encoded``: as last encoded; ``on_bus``: signals as last seen on the bus;
-    ``seen_ns``: when; ``held`` and ``held_row``: frames that faults hold back.
+    ``seen_ns``: when; ``held`` and ``held_row``: frames that faults hold back;
+    ``sensed``: the sensors' filters; ``health``: what the units know of their machines' faults.
     ``frames_out``, ``events`` and ``result`` carry a call's results, ``scratch`` is where frames pass
     faults; they are no part of a snapshot.
     """
@@ -115,6 +121,8 @@ class State(NamedTuple):
     effective: Array
     share: Array
     statuses: Array
+    sensed: Array
+    health: Array
     unit_state: Array
     values: Array
     encoded: Array
@@ -240,7 +248,7 @@ def _power_nodes(constants: Constants, state: State, t_ns: int) -> None:
 
 @inner_kernel
 def _fill_values(constants: Constants, state: State) -> None:
-    """Statuses become signals; a booting node knows nothing yet."""
+    """Statuses become signals; a booting node knows nothing yet but that it boots."""
     for message in range(state.origin.shape[0]):
         if state.origin[message] != ORIGIN_UNIT or state.enabled[message] == 0:
             continue
@@ -248,6 +256,13 @@ def _fill_values(constants: Constants, state: State) -> None:
             first = constants.codec.messages[message, M_FIRST]
             for signal in range(first, first + constants.codec.messages[message, M_COUNT]):
                 state.values[signal] = np.nan
+            for tie in range(
+                constants.ties.tx_start[message], constants.ties.tx_start[message + 1]
+            ):
+                if constants.ties.tx_port[tie] in (ports.S_EM1_STATE, ports.S_EM2_STATE):
+                    state.values[constants.ties.tx_signal[tie]] = sent_value(
+                        constants.ties, tie, float(MOTOR_INIT)
+                    )
         else:
             message_from_statuses(constants.ties, message, state.statuses, state.values)
 
@@ -333,10 +348,18 @@ def run_ticks(
             state.effective, state.share, state.statuses, state.truth, constants.brake_max,
             state.unit_state, state.command,
         )  # fmt: skip
+        if faulty:
+            fault_commands(
+                state.faults, state.command, state.truth, constants.clutch_max,
+                constants.force_max, state.health,
+            )  # fmt: skip
         statuses_from_truth(
             state.truth, state.command, state.requests, constants.tyre_radius, constants.model,
             failed, refused, state.statuses,
         )  # fmt: skip
+        measure(constants.sensors, state.sensed, state.statuses)
+        if faulty:
+            fault_statuses(state.faults, state.health, state.statuses)
         mode = int(state.statuses[ports.S_DRIVING_MODE])
         if mode != state.scalars[LAST_MODE]:
             state.scalars[LAST_MODE] = mode

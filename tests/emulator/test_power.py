@@ -61,7 +61,7 @@ def test_boot_tells_not_available_then_values_then_high_voltage() -> None:
         assert np.isnan(values[booting]).all()
         assert booting.sum() >= 100 / period - 1
         assert not np.isnan(values[~booting]).any()
-    assert bench.labels("EM2State") == ["NotAvailable", "Standby", "Torque"]
+    assert bench.labels("EM2State") == ["Init", "Standby", "Torque"]
     assert bench.labels("ContactorState")[-2:] == ["Precharge", "Closed"]
     precharge = bench.first("ContactorState", "Closed") - bench.first("ContactorState", "Precharge")
     assert 80 <= precharge <= 140
@@ -113,7 +113,7 @@ def test_ignition_off_while_requests_go_on_keeps_everything_off() -> None:
     start = bench.now_ms
     ignite(bench, "On")
     bench.run(800)
-    assert bench.labels("EM2State", start) == ["NotAvailable", "Standby", "Torque"]
+    assert bench.labels("EM2State", start) == ["Init", "Standby", "Torque"]
     assert bench["EM2Torque"] > 149.0
 
 

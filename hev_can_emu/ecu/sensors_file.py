@@ -1,0 +1,16 @@
+"""The shape of a sensor in a bindings file."""
+
+from __future__ import annotations
+
+import msgspec
+
+
+class Sensor(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What lies between a quantity and its measurement, as quantities with units (``0.5 rpm``, ``10 ms``).
+
+    A step or zone of a temperature is one in K.
+    """
+
+    resolution: str = ""
+    filter: str = ""
+    dead_zone: str = ""
