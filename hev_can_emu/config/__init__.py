@@ -106,6 +106,23 @@ def parse(text: str, name: str = "<text>") -> Document:
     return Document(name, root)
 
 
+def text_beside(name: str) -> Callable[[str, Any], str]:
+    """Return a reader of files named relative to the file ``name``.
+
+    The reader takes such a file's name and a place that knows how to ``refuse(expected, got, hint)``.
+    """
+
+    def read_text(file: str, place: Any) -> str:
+        path = Path(name).parent / file
+        try:
+            return _text(path, str(path))
+        except InputError as error:
+            expected = error.expected.replace("a YAML file", "a file")
+            raise place.refuse(expected, f"'{path}': {error.got}", error.hint) from error
+
+    return read_text
+
+
 def _text(path: Path, name: str) -> str:
     try:
         with path.open("rb") as stream:

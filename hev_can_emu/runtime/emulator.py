@@ -39,6 +39,7 @@ from hev_can_emu.runtime import tick
 from hev_can_emu.runtime.fault_book import FaultBook, InjectedFault
 from hev_can_emu.runtime.setup import PROTECTION_MODES, Setup, load_car, network_files
 from hev_can_emu.runtime.tick import TICK_NS, Constants, State, make_world, run_world
+from hev_can_emu.scenario.script import GO_ON, STOPPED, Script, no_script
 
 BOOT_NS = control.BOOT_TICKS * TICK_NS
 AFTERRUN_NS = control.AFTERRUN_TICKS * TICK_NS
@@ -54,15 +55,15 @@ _DRIVER_PORTS = (
     ports.AMBIENT_TEMPERATURE,
 )
 _MODELS = {"4dof": 0, "16dof": 1, "detailed": 2}
-_MODE_NAMES = (
+MODE_NAMES = (
     "transition", "series", "parallel_g1", "parallel_g2",
     "electric_neutral", "electric_g1", "electric_g2",
 )  # fmt: skip
-_PHASES = (
+PHASES = (
     "neutral", "travel", "synchronising", "index", "engaged",
     "disengaging", "aborted", "blocked by torque", "grating",
 )  # fmt: skip
-_LOCKS = ("C1", "G1", "G2", "left brake", "right brake", "body")
+LOCKS = ("C1", "G1", "G2", "left brake", "right brake", "body")
 _REQUEST_STATES = (
     "ok", "never received", "timed out", "wrong CRC", "wrong counter", "wrong length",
     "out of range", "not available",
@@ -137,7 +138,8 @@ class Emulator:
         network = Network(self.database, self.node_names, ties.message_node.tolist(), 0)
         self._book = FaultBook(self.state.faults, network, lambda: self.now_ns)
         self._start()
-        self._world = make_world(self.constants, self.state)
+        self._script = no_script()
+        self._world = make_world(self.constants, self.state, self._script)
         self._noted: list[Event] = []
         self._none = make_frames(1)
 
@@ -260,25 +262,42 @@ class Emulator:
         Raises:
             ValueError: frames later than the last tick; they belong to the next call.
         """
-        ticks = -(-(until_ns - self.now_ns) // TICK_NS)
         given = self._none if frames is None else frames
         parts: list[npt.NDArray[np.void]] = []
         taken = 0
         while True:
-            run_world(self._world, max(ticks, 0), given[taken:], count - taken)
-            sent, used, noted, done = self.state.result.tolist()
-            if noted:
-                self._noted.extend(self._translate(event) for event in self.state.events[:noted])
+            sent, used = self.run(until_ns, given[taken:], count - taken)
             taken += used
-            ticks -= done
-            if ticks <= 0:
+            if self.now_ns >= until_ns or self._script.control[STOPPED] != GO_ON:
                 break
-            parts.append(self.state.frames_out[:sent].copy())
+            parts.append(sent.copy())
         if taken < count:
             raise ValueError(f"{count - taken} frames later than the last tick")
-        if not parts:
-            return self.state.frames_out[:sent]
-        return np.concatenate([*parts, self.state.frames_out[:sent]])
+        return np.concatenate([*parts, sent]) if parts else sent
+
+    def run(
+        self, until_ns: int, frames: npt.NDArray[np.void], count: int
+    ) -> tuple[npt.NDArray[np.void], int]:
+        """Run ticks before ``until_ns`` as one call, as far as its buffers last and the script lets it.
+
+        Args:
+            until_ns: see :meth:`advance`.
+            frames, count: see :meth:`advance`.
+
+        Returns:
+            The frames sent, valid until the next call, and how many of the given ones were taken.
+        """
+        ticks = -(-(until_ns - self.now_ns) // TICK_NS)
+        run_world(self._world, max(ticks, 0), frames, count)
+        sent, used, noted, _ = self.state.result.tolist()
+        if noted:
+            self._noted.extend(self._translate(event) for event in self.state.events[:noted])
+        return self.state.frames_out[:sent], used
+
+    def attach(self, script: Script) -> None:
+        """Let a scenario's script act at every tick from now on; it replaces the one before."""
+        self._script = script
+        self._world = make_world(self.constants, self.state, script)
 
     def set_value(self, signal: int, value: float) -> None:
         """Set what a played node sends: physical value in the DBC's unit, NaN for not available."""
@@ -357,19 +376,19 @@ class Emulator:
         kind, index, value = int(record["kind"]), int(record["index"]), float(record["value"])
         messages = self.database.messages
         if kind == driveline.LOCKED:
-            name, text = "lock", f"{_LOCKS[index]} holds"
+            name, text = "lock", f"{LOCKS[index]} holds"
         elif kind == driveline.RELEASED:
-            name, text = "release", f"{_LOCKS[index]} slips at {value:.1f} Nm"
+            name, text = "release", f"{LOCKS[index]} slips at {value:.1f} Nm"
         elif kind == driveline.REVERSED:
-            name, text = "reverse", f"{_LOCKS[index]} slips the other way"
+            name, text = "reverse", f"{LOCKS[index]} slips the other way"
         elif kind == supervision.LOST:
             name, text = "lost", f"{messages[index].name}: {_REQUEST_STATES[int(value)]}"
         elif kind == supervision.HEALED:
             name, text = "healed", f"{messages[index].name} is back"
         elif kind == tick.MODE_CHANGED:
-            name, text = "mode", _MODE_NAMES[index]
+            name, text = "mode", MODE_NAMES[index]
         elif kind == tick.SYNC_CHANGED:
-            name, text = "synchronizer", _PHASES[int(value)]
+            name, text = "synchronizer", PHASES[int(value)]
         elif kind == fault_table.BEGAN:
             name, text = "fault", f"{self._book.name(index)} begins"
         elif kind == fault_table.OVER:

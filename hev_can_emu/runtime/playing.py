@@ -1,4 +1,4 @@
-"""A scenario's player beside an emulator: what it asks for is set, what it sees is the bus."""
+"""A scenario's player beside an emulator: all that happens between two of its steps is one call."""
 
 from __future__ import annotations
 
@@ -6,13 +6,18 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+import numpy.typing as npt
+
 from hev_can_emu import config
+from hev_can_emu.messages.frame import EXTENDED, FD, SENT, make_frames
 from hev_can_emu.runtime.emulator import Emulator, Event
+from hev_can_emu.runtime.sources import sources_of
 from hev_can_emu.runtime.tick import TICK_NS
 from hev_can_emu.scenario.player import Player
+from hev_can_emu.scenario.program import Command, SendMessage
 from hev_can_emu.scenario.schema import Scenario
-from hev_can_emu.scenario.signals import Signals
-from hev_can_emu.scenario.stimuli import SetSignal
+from hev_can_emu.scenario.script import GO_ON
 from hev_can_emu.scenario.verdict import Outcome, Verdict
 
 
@@ -57,8 +62,11 @@ class Playing:
         self.events: list[Event] = []  #: all that happened so far
         self._untold = 0
         self._file = document.name
-        signals = Signals(emulator.database.messages)
-        self.player = Player(scenario, signals, document.where, TICK_NS)
+        sources = sources_of(emulator, config.text_beside(document.name))
+        self.player = Player(scenario, sources, document.where, TICK_NS)
+        self._raw: list[npt.NDArray[np.void]] = []
+        self._none = make_frames(0)
+        emulator.attach(self.player.script)
 
     @property
     def finished(self) -> bool:
@@ -92,15 +100,94 @@ class Playing:
             trace_hash=trace_hash,
         )
 
-    def act(self, t_ns: int) -> None:
-        """Let the player look at the bus at tick ``t_ns`` and set what it asks for."""
+    def run(
+        self, until_ns: int, frames: npt.NDArray[np.void] | None = None, count: int = 0
+    ) -> tuple[npt.NDArray[np.void], int]:
+        """Play ticks before ``until_ns``: as many as one call does, or up to the scenario's end.
+
+        Args:
+            until_ns: time to stop at.
+            frames: received frames in order of time (FRAME records), none later than the last tick.
+            count: how many of them.
+
+        Returns:
+            The frames sent, valid until the next call, and how many of the given ones were taken.
+        """
+        emulator, player = self.emulator, self.player
+        given = self._none if frames is None else frames[:count]
+        while not player.finished:
+            now = emulator.now_ns
+            for command in player.due(now, emulator.state.values):
+                self._obey(command)
+            if player.finished:
+                break
+            if player.ending(now):
+                if self._look() == GO_ON:
+                    player.end(now)
+                elif player.full:
+                    player.observe()
+                continue
+            target = min(until_ns, player.horizon_ns(now))
+            if target <= now:
+                break
+            sent, taken = self._step(target, given)
+            if player.full:
+                player.observe()
+            if emulator.now_ns > now:
+                return sent, taken
+        return self._none, 0
+
+    def advance(
+        self, until_ns: int, frames: npt.NDArray[np.void] | None = None, count: int = 0
+    ) -> npt.NDArray[np.void]:
+        """Play every tick before ``until_ns``, or up to the scenario's end; see :meth:`run`."""
+        parts: list[npt.NDArray[np.void]] = []
+        taken = 0
+        while self.emulator.now_ns < until_ns and not self.finished:
+            rest = None if frames is None else frames[taken:count]
+            sent, used = self.run(until_ns, rest, count - taken)
+            parts.append(sent.copy())
+            taken += used
+        return np.concatenate(parts) if parts else self._none
+
+    def _step(self, until_ns: int, given: npt.NDArray[np.void]) -> tuple[npt.NDArray[np.void], int]:
+        """Advance the emulator, raw frames first; return what was sent and how many were taken."""
+        emulator, raw = self.emulator, self._raw
+        before = emulator.now_ns
+        if not raw:
+            sent, taken = emulator.run(until_ns, given, len(given))
+        else:
+            whole = np.concatenate([*raw, given])
+            sent, taken = emulator.run(until_ns, whole, len(whole))
+            if emulator.now_ns > before:
+                self._raw = []
+                own = np.concatenate(raw)
+                own["flags"] |= SENT
+                sent, taken = np.concatenate([own, sent]), taken - len(own)
+        if emulator.now_ns > before and self.player.listens:
+            self.player.hear(given[:taken])
+            self.player.hear(sent)
+        return sent, taken
+
+    def _look(self) -> int:
+        state = self.emulator.state
+        return self.player.look(
+            self.emulator.now_ns, state.on_bus, state.seen_ns, state.truth, state.values
+        )
+
+    def _obey(self, command: Command) -> None:
         emulator = self.emulator
-        for stimulus in self.player.step(t_ns, emulator.on_bus, emulator.seen_ns):
-            if isinstance(stimulus, SetSignal):
-                emulator.set_value(stimulus.signal, stimulus.value)
-            else:
-                message = emulator.database.message(stimulus.message)
-                emulator.send_message(message.index, stimulus.enabled)
+        if isinstance(command, SendMessage):
+            message = emulator.database.message(command.message)
+            emulator.send_message(message.index, command.enabled)
+            return
+        record = make_frames(1)
+        record["t_ns"] = emulator.now_ns
+        record["id"] = command.identifier
+        record["flags"] = (EXTENDED if command.extended else 0) | (FD if command.fd else 0)
+        record["length"] = len(command.data)
+        record["data"][0, : len(command.data)] = np.frombuffer(command.data, dtype=np.uint8)
+        self._raw.append(record)
 
 
 def read_scenario(path: Path) -> tuple[config.Document, Scenario]:

@@ -191,14 +191,7 @@ class Service:
         if self._duration_ns is not None:
             last = max(begin, min(last, self._duration_ns - TICK_NS))
         count = self._receive(now)
-        if self._playing is None:
-            taken = self._advance(last, 0, count)
-        else:
-            # A scenario looks at every tick.
-            taken = 0
-            while emulator.now_ns <= last and not self._playing.finished:
-                self._playing.act(emulator.now_ns)
-                taken = self._advance(emulator.now_ns, taken, count)
+        taken = self._advance(last, 0, count)
         self._waiting = count - taken
         if taken and self._waiting:
             self._received[: self._waiting] = self._received[taken:count].copy()
@@ -247,7 +240,8 @@ class Service:
             if len(later):
                 end = first + int(later[0])
         received = self._received[first:end]
-        frames = self.emulator.advance(last_ns + TICK_NS, received, end - first)
+        car = self._playing or self.emulator
+        frames = car.advance(last_ns + TICK_NS, received, end - first)
         if len(frames):
             self.statistics.sent += len(frames)
             self.bus.send(frames, len(frames))

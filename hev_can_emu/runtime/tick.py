@@ -49,6 +49,8 @@ from hev_can_emu.messages.restbus import Restbus
 from hev_can_emu.messages.transfer import receive, transmit
 from hev_can_emu.plant.events import note
 from hev_can_emu.plant.powertrain import Y_SYNC_PHASE, Plant, plant_step
+from hev_can_emu.scenario.script import EVENTS as AWAITED_EVENTS
+from hev_can_emu.scenario.script import GO_ON, Script, mark_events, perform
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -280,6 +282,7 @@ def run_ticks(
     ticks: int,
     frames_in: Frames,
     n_in: int,
+    script: Script,
 ) -> Any:
     """Advance by up to ``ticks`` ticks.
 
@@ -289,9 +292,11 @@ def run_ticks(
             ``frames_in``, events, ticks done.
         ticks: how many.
         frames_in: received frames, in order of time; ``n_in`` of them.
+        script: what a scenario does at each tick; it may stop before one.
 
     Returns:
-        The number of ticks done: fewer than asked for when ``frames_out`` is nearly full.
+        The number of ticks done: fewer than asked for when the script stops, and when ``frames_out`` or
+        the events are nearly full.
     """
     frames_out, events, result = state.frames_out, state.events, state.result
     codec = constants.codec
@@ -304,7 +309,12 @@ def run_ticks(
         faulty = state.faults.counts[LIVE] > 0 or state.faults.counts[HELD] > 0
         if n_out + (faulty_room(messages) if faulty else messages) > frames_out.shape[0]:
             break
+        if 2 * n_events > events.shape[0]:
+            break
         t_ns = state.scalars[TICKS] * TICK_NS
+        if perform(script, t_ns, state.on_bus, state.seen_ns, state.truth, state.values) != GO_ON:
+            break
+        n_before = n_events
         if faulty:
             n_events = advance_rows(state.faults, t_ns, events, n_events)
             resume_counters(state.faults, state.transmit)
@@ -321,6 +331,9 @@ def run_ticks(
                 message = find_message(codec, frames_in[taken]["id"], flags & EXTENDED)
                 if message < 0:
                     state.scalars[UNKNOWN] += 1
+                elif state.origin[message] == ORIGIN_PLAYED and state.muted[message] != 0:
+                    # Silenced here, so that another may send it.
+                    _take_frame(constants, state, frames_in, taken, state.muted, t_ns)
                 elif state.origin[message] in (ORIGIN_UNIT, ORIGIN_PLAYED):
                     # Somebody else sends what is ours: told, never obeyed.
                     if state.told[message] == 0:
@@ -405,6 +418,8 @@ def run_ticks(
             n_events = note(
                 events, n_events, t_ns + TICK_NS, SYNC_CHANGED, 0, state.truth[Y_SYNC_PHASE]
             )
+        if script.control[AWAITED_EVENTS] > 0:
+            mark_events(script, events, n_before, n_events)
         state.scalars[TICKS] += 1
         done += 1
     result[0], result[1], result[2], result[3] = n_out, taken, n_events, done
@@ -414,15 +429,16 @@ def run_ticks(
 if JIT_DISABLED:
 
     class World:
-        """Constants and state as one argument."""
+        """Constants, state and script as one argument."""
 
-        def __init__(self, constants: Constants, state: State) -> None:
+        def __init__(self, constants: Constants, state: State, script: Script) -> None:
             self.constants = constants
             self.state = state
+            self.script = script
 
-    def make_world(constants: Constants, state: State) -> Any:
-        """Return both as one argument for :func:`run_world`."""
-        return World(constants, state)
+    def make_world(constants: Constants, state: State, script: Script) -> Any:
+        """Return all as one argument for :func:`run_world`."""
+        return World(constants, state, script)
 
 else:
     # Unpacking a hundred arrays from tuples would cost more than the tick itself: a reference to one
@@ -432,23 +448,23 @@ else:
         """Numba's type of a world."""
 
     class World(structref.StructRefProxy):  # type: ignore[no-redef]
-        """Constants and state as one argument."""
+        """Constants, state and script as one argument."""
 
-        def __new__(cls, constants: Constants, state: State) -> Any:
-            """Return both as one argument; called from kernels only."""
+        def __new__(cls, constants: Constants, state: State, script: Script) -> Any:
+            """Return all as one argument; called from kernels only."""
             make: Any = structref.StructRefProxy.__new__
-            return make(cls, constants, state)
+            return make(cls, constants, state, script)
 
     define_proxy: Any = structref.define_proxy
-    define_proxy(World, _WorldType, ["constants", "state"])
+    define_proxy(World, _WorldType, ["constants", "state", "script"])
 
     @kernel
-    def make_world(constants: Constants, state: State) -> Any:
-        """Return both as one argument for :func:`run_world`."""
-        return World(constants, state)
+    def make_world(constants: Constants, state: State, script: Script) -> Any:
+        """Return all as one argument for :func:`run_world`."""
+        return World(constants, state, script)
 
 
 @kernel
 def run_world(world: Any, ticks: int, frames_in: Frames, n_in: int) -> Any:
     """Advance as :func:`run_ticks` does, with what :func:`make_world` made."""
-    return run_ticks(world.constants, world.state, ticks, frames_in, n_in)
+    return run_ticks(world.constants, world.state, ticks, frames_in, n_in, world.script)

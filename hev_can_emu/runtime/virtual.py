@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hev_can_emu.runtime.playing import Playing
-from hev_can_emu.runtime.tick import TICK_NS
+from hev_can_emu.scenario.monitor import NEVER
 
 FrameSink = Callable[[npt.NDArray[np.void], int], None]
 
@@ -34,20 +34,16 @@ def play_virtual(
 ) -> str:
     """Play the scenario to its end; return the trace hash.
 
-    Stretches in which the player neither acts nor looks run as one call, but none ends later than the
+    Stretches between two of its steps run as one call, but none ends later than the
     next multiple of ``longest_ns``, for sinks that look at the car.  The trace is the same either way.
     """
-    emulator, player = playing.emulator, playing.player
+    emulator = playing.emulator
     trace = TraceHash()
-    while not player.finished:
-        now = emulator.now_ns
-        playing.act(now)
-        if player.finished:
-            break
-        wake = max(player.next_wake_ns(now), now + TICK_NS)
+    while not playing.finished:
+        until = NEVER
         if longest_ns is not None:
-            wake = min(wake, (now // longest_ns + 1) * longest_ns)
-        frames = emulator.advance(wake)
+            until = (emulator.now_ns // longest_ns + 1) * longest_ns
+        frames, _ = playing.run(until)
         count = len(frames)
         trace.add(frames, count)
         for sink in sinks:

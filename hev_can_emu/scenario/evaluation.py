@@ -1,84 +1,137 @@
-"""What compiled expressions are made of: functions that never raise, and the step from text to code."""
+"""Expressions as code for a small stack machine, run over rows of what is seen.
+
+One machine serves every use: a step's condition inside the compiled tick, a signal that follows an
+expression, and an expectation over thousands of recorded ticks in one call.  A condition is 1.0 or
+0.0; what is not available is NaN, satisfies no comparison and goes through every operation.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Iterable
 
-Item = Callable[[int], float]
-#: ``(values.item, seen_ns.item, t_s, since_step_s)`` to a number or a truth value
-Function = Callable[[Item, Item, float, float], Any]
+import numpy as np
+import numpy.typing as npt
+
+from hev_can_emu.jit import kernel
+
+Array = npt.NDArray[np.float64]
+Op = tuple[int, float]  #: an operation and its operand: a number, or a column of the row
+Code = Array  #: shape (operations, 2)
+
+CONSTANT, COLUMN = 0, 1
+NEGATE, ABSOLUTE, ROOT, SIGN, NOT, AVAILABLE = range(2, 8)
+ADD, SUBTRACT, MULTIPLY, DIVIDE, POWER, LEAST, GREATEST = range(8, 15)
+LESS, LESS_OR_EQUAL, EQUAL, SAME, UNEQUAL, AND, OR = range(15, 22)
+
+STACK = 1024  #: values in flight at most
 
 
-def _divide(a: float, b: float) -> float:
-    return a / b if b else math.nan
+def build(ops: Iterable[Op]) -> Code:
+    """Return code as the machine reads it."""
+    return np.array(list(ops), dtype=np.float64).reshape(-1, 2)
 
 
+def depth(code: Code) -> int:
+    """Return how many values are in flight at most."""
+    level = most = 0
+    for operation in code[:, 0]:
+        level += 1 if operation <= COLUMN else -1 if operation >= ADD else 0
+        most = max(most, level)
+    return most
+
+
+@kernel
+def evaluate(code: Code, row: Array, stack: Array) -> float:
+    """Return the value of ``code`` over ``row``; never raises.
+
+    Args:
+        code: shape (n, 2), from :func:`build`.
+        row: what its columns hold now.
+        stack: scratch, at least :func:`depth` values.
+    """
+    top = 0
+    for i in range(code.shape[0]):
+        operation = int(code[i, 0])
+        if operation == CONSTANT:
+            stack[top] = code[i, 1]
+            top += 1
+        elif operation == COLUMN:
+            stack[top] = row[int(code[i, 1])]
+            top += 1
+        elif operation < ADD:
+            stack[top - 1] = _unary(operation, stack[top - 1])
+        else:
+            top -= 1
+            stack[top - 1] = _binary(operation, stack[top - 1], stack[top])
+    return float(stack[0])
+
+
+@kernel
+def _unary(operation: int, x: float) -> float:
+    if operation == NEGATE:
+        return -x
+    if operation == ABSOLUTE:
+        return abs(x)
+    if operation == ROOT:
+        return math.sqrt(x) if x >= 0.0 else math.nan
+    if operation == SIGN:
+        return x if x == 0.0 or math.isnan(x) else math.copysign(1.0, x)
+    if operation == NOT:
+        return 1.0 - x
+    return 0.0 if math.isnan(x) else 1.0
+
+
+@kernel
+def _binary(operation: int, a: float, b: float) -> float:
+    if operation == ADD:
+        return a + b
+    if operation == SUBTRACT:
+        return a - b
+    if operation == MULTIPLY:
+        return a * b
+    if operation == DIVIDE:
+        return a / b if b != 0.0 else math.nan
+    if operation == POWER:
+        return _power(a, b)
+    if operation == LEAST:
+        return math.nan if math.isnan(a) or math.isnan(b) else min(a, b)
+    if operation == GREATEST:
+        return math.nan if math.isnan(a) or math.isnan(b) else max(a, b)
+    if operation == AND:
+        return a * b
+    if operation == OR:
+        return max(a, b)
+    return 1.0 if _compares(operation, a, b) else 0.0
+
+
+@kernel
 def _power(a: float, b: float) -> float:
-    try:
-        result = a**b
-    except (ZeroDivisionError, OverflowError):
+    if a == 0.0 and b < 0.0:
         return math.nan
-    return math.nan if isinstance(result, complex) else result
+    if a < 0.0 and b != math.floor(b):
+        return math.nan
+    if a != 0.0 and a != 1.0 and a != -1.0 and abs(b) * abs(math.log(abs(a))) > 709.0:
+        return math.nan  # would not fit
+    return float(a**b)
 
 
-def _root(a: float) -> float:
-    return math.sqrt(a) if a >= 0.0 else math.nan
+@kernel
+def _compares(operation: int, a: float, b: float) -> bool:
+    if operation == LESS:
+        return a < b
+    if operation == LESS_OR_EQUAL:
+        return a <= b
+    if operation == SAME:
+        return a == b
+    near = a == b or abs(a - b) <= 1e-9 * max(abs(a), abs(b))
+    if operation == EQUAL:
+        return near
+    return not (math.isnan(a) or math.isnan(b) or near)
 
 
-def _sign(a: float) -> float:
-    return a if a != a or a == 0.0 else math.copysign(1.0, a)
-
-
-def _least(*values: float) -> float:
-    return math.nan if any(value != value for value in values) else min(values)
-
-
-def _greatest(*values: float) -> float:
-    return math.nan if any(value != value for value in values) else max(values)
-
-
-def _clip(value: float, low: float, high: float) -> float:
-    return _greatest(low, _least(value, high))
-
-
-def _equal(a: float, b: float) -> bool:
-    return a == b or abs(a - b) <= 1e-9 * max(abs(a), abs(b))
-
-
-def _unequal(a: float, b: float) -> bool:
-    return a == a and b == b and not _equal(a, b)
-
-
-def _age(t: float, seen_ns: float) -> float:
-    return t - seen_ns * 1e-9 if seen_ns >= 0 else math.nan
-
-
-_NAMESPACE = {
-    "__builtins__": {},
-    "abs": abs,
-    "_divide": _divide,
-    "_power": _power,
-    "_root": _root,
-    "_sign": _sign,
-    "_least": _least,
-    "_greatest": _greatest,
-    "_clip": _clip,
-    "_equal": _equal,
-    "_unequal": _unequal,
-    "_age": _age,
-    "_nan": math.nan,
-}
-
-
-def literal(value: float) -> str:
-    """Return a number as Python source."""
-    return "_nan" if math.isnan(value) else f"({value!r})"
-
-
-def build(source: str) -> Function:
-    """Return the function behind the Python source that the compiler made."""
-    code = compile(f"lambda item, seen, t, since_step: {source}", "<expression>", "eval")
-    function: Function = eval(code, dict(_NAMESPACE))  # source made above of whitelisted parts only
-    return function
+@kernel
+def evaluate_rows(code: Code, rows: Array, stack: Array, out: Array) -> None:
+    """Write into ``out``, shape (n,), the value of ``code`` over each of ``rows``, shape (n, columns)."""
+    for i in range(rows.shape[0]):
+        out[i] = evaluate(code, rows[i], stack)

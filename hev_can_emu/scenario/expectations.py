@@ -1,299 +1,240 @@
-"""Expectations at run time: each watches its window and decides once.
-
-A monitor is asked at every tick of its window, both ends included.  What is not available (NaN)
-satisfies no condition; a ``never`` whose signals were never all available is inconclusive.
-"""
+"""Expectations about conditions: always, never, becomes, until, follows, count, sequence."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
-from hev_can_emu.scenario.expression import Expression
-from hev_can_emu.scenario.signals import Signal
-from hev_can_emu.scenario.stimuli import Instant
-from hev_can_emu.scenario.verdict import Outcome, Verdict
+import numpy as np
 
-NEVER = 1 << 62  #: later than any scenario lasts
-
-
-class Monitor:
-    """Base: the decision and its record.  ``opened``, ``open_ns`` and ``close_ns`` are set by the player."""
-
-    kind = ""
-
-    def __init__(self, expression: Expression, name: str, window: str, where: str) -> None:
-        self.expression = expression
-        self.name = name
-        self.where = where
-        self.opened = False
-        self.open_ns = 0
-        self.close_ns = NEVER
-        self.outcome: Outcome | None = None
-        self.margin = math.inf
-        self._window = window
-        self._margin_unit = expression.unit.name if expression.unit is not None else ""
-        self._instant_ns: int | None = None
-        self._observed = ""
-
-    def check(self, now: Instant) -> None:
-        """Look at the present values; called at every tick of the window."""
-        raise NotImplementedError
-
-    def close(self, now: Instant) -> None:
-        """Decide at the window's last tick, after :meth:`check`."""
-        raise NotImplementedError
-
-    def abandon(self, reason: str) -> None:
-        """Decide that nothing can be said, unless something was."""
-        if self.outcome is None:
-            self.outcome, self._observed = Outcome.INCONCLUSIVE, reason
-            self.margin = math.inf
-
-    def verdict(self) -> Verdict:
-        """Return the record; what is undecided so far reads as inconclusive, and stays undecided."""
-        undecided = self.outcome is None
-        return Verdict(
-            "expectation",
-            self.name,
-            self.outcome or Outcome.INCONCLUSIVE,
-            self._instant_ns,
-            f"{self._says()} {self._window}".strip(),
-            "the scenario has not come to an end" if undecided else self._observed,
-            self.margin if math.isfinite(self.margin) else None,
-            self._margin_unit if math.isfinite(self.margin) else "",
-            self.where,
-            (self.open_ns, self.close_ns if self.close_ns < NEVER else None)
-            if self.opened
-            else (None, None),
-            self.expression.reads,
-        )
-
-    def _says(self) -> str:
-        return f"{self.kind}: {self.expression.text}"
-
-    def _keep_time_left(self, now: Instant) -> None:
-        if self.close_ns < NEVER:
-            self.margin, self._margin_unit = (self.close_ns - now.t_ns) * 1e-9, "s"
-
-    def _decide(self, outcome: Outcome, now: Instant, observed: str = "") -> None:
-        self.outcome = outcome
-        self._instant_ns = now.t_ns
-        self._observed = observed or self.expression.observe(now.item)
+from hev_can_emu.scenario.expression import Array, Expression, over_rows
+from hev_can_emu.scenario.monitor import Block, Head, Monitor, first_true, truth_of
+from hev_can_emu.scenario.verdict import Outcome
 
 
 class Always(Monitor):
-    """The condition holds (``sign`` 1) or fails to hold (-1, never) at every tick of the window."""
+    """The condition holds, or (``never``) fails to hold, at every tick of the window."""
 
-    def __init__(
-        self, expression: Expression, name: str, window: str, where: str, *, never: bool
-    ) -> None:
-        super().__init__(expression, name, window, where)
-        self.kind = "never" if never else "always"
+    def __init__(self, head: Head, condition: Expression, *, never: bool) -> None:
+        super().__init__(head, condition.unit_name)
+        self._condition = condition
         self._wanted = not never
         self._sign = -1.0 if never else 1.0
         self._available = False
-        self._nearest: tuple[int, tuple[float, ...]] | None = None
+        self._nearest: tuple[int, Array] | None = None
 
-    def check(self, now: Instant) -> None:
+    def watch(self, block: Block) -> None:
         """Fail at the first tick that contradicts; keep the smallest margin."""
-        _, item, seen, t, since_step = now
-        expression = self.expression
-        margin = 0.0
-        if expression.margin is not None:
-            margin = expression.margin(item, seen, t, since_step)
-            if self._sign * margin < self.margin:
-                self.margin = self._sign * margin
-                values = tuple([item(signal.index) for signal in expression.signals])
-                self._nearest = (now.t_ns, values)
-        # The margin's sign tells whether the comparison holds, except on the border and for NaN.
-        if margin > 0.0 or margin < 0.0:
-            holds = margin > 0.0
-        else:
-            holds = expression.function(item, seen, t, since_step)
-        if holds is not self._wanted:
-            self._decide(Outcome.FAIL, now)
-        elif not self._available:
-            values = tuple([item(signal.index) for signal in expression.signals])
-            self._available = all(value == value for value in values)
-
-    def close(self, now: Instant) -> None:
-        """Pass, telling the nearest miss."""
+        t_ns, rows, last = block
+        bad = first_true(truth_of(self._condition, rows) != self._wanted)
+        if self._condition.margin is not None:
+            self._approach(block, len(rows) if bad is None else bad + 1)
+        if bad is not None:
+            self._decide(Outcome.FAIL, t_ns[bad], self._see(rows[bad]))
+            return
+        self._available = self._available or bool(self._condition.available(rows).any())
+        if not last:
+            return
         if not self._available:
-            self._decide(Outcome.INCONCLUSIVE, now, "a signal was not available all the while")
+            told = "a signal was not available all the while"
+            self._decide(Outcome.INCONCLUSIVE, t_ns[-1], told)
         elif self._nearest is None:
-            self._decide(Outcome.PASS, now)
+            self._decide(Outcome.PASS, t_ns[-1], self._see(rows[-1]))
         else:
-            t_ns, values = self._nearest
-            told = [
-                f"{signal.name} = {signal.say(value)}"
-                for signal, value in zip(self.expression.signals, values, strict=True)
-            ]
-            self._decide(Outcome.PASS, now, f"nearest at {t_ns * 1e-9:.3f} s: {', '.join(told)}")
+            at_ns, row = self._nearest
+            told = f"nearest at {at_ns * 1e-9:.3f} s: {self._see(row)}"
+            self._decide(Outcome.PASS, t_ns[-1], told)
+
+    def _approach(self, block: Block, count: int) -> None:
+        assert self._condition.margin is not None
+        margins = self._sign * over_rows(self._condition.margin, block.rows[:count])
+        known = np.where(np.isnan(margins), np.inf, margins)
+        place = int(known.argmin())
+        if known[place] < self.margin:
+            self.margin = float(known[place])
+            self._nearest = int(block.t_ns[place]), block.rows[place].copy()
 
 
 class Becomes(Monitor):
     """The condition holds at some tick of the window; the margin is the time left."""
 
-    kind = "becomes"
+    def __init__(self, head: Head, condition: Expression) -> None:
+        super().__init__(head, condition.unit_name)
+        self._condition = condition
 
-    def check(self, now: Instant) -> None:
+    def watch(self, block: Block) -> None:
         """Pass at the first tick at which the condition holds."""
-        _, item, seen, t, since_step = now
-        if self.expression.function(item, seen, t, since_step):
-            self._keep_time_left(now)
-            self._decide(Outcome.PASS, now)
-
-    def close(self, now: Instant) -> None:
-        """Fail: it has not come; the margin is the comparison's, where it is one."""
-        if self.expression.margin is not None:
-            margin = self.expression.margin(now.item, now.seen, now.t_s, now.since_step_s)
-            self.margin = margin if math.isfinite(margin) else math.inf
-        self._decide(Outcome.FAIL, now)
-
-
-class _Target(Monitor):
-    """Base of the monitors that compare a value with a target."""
-
-    def __init__(
-        self,
-        expression: Expression,
-        name: str,
-        window: str,
-        where: str,
-        *,
-        target: float,
-        band: float,
-    ) -> None:
-        super().__init__(expression, name, window, where)
-        self._target = target
-        self._band = band
-
-    def _left(self, now: Instant) -> float:
-        """Return the distance to the band's edge, negative outside, NaN where not available."""
-        value = self.expression.function(now.item, now.seen, now.t_s, now.since_step_s)
-        return self._band - abs(float(value) - self._target)
-
-    def _says(self) -> str:
-        unit = f" {self._unit}" if self._unit else ""
-        return f"{self.kind}: {self.expression.text} = {self._target:g} ± {self._band:g}{unit}"
-
-    @property
-    def _unit(self) -> str:
-        return self.expression.unit.name if self.expression.unit is not None else ""
+        t_ns, rows, last = block
+        found = first_true(truth_of(self._condition, rows))
+        if found is not None:
+            self._leave(t_ns[found])
+            self._decide(Outcome.PASS, t_ns[found], self._see(rows[found]))
+        elif last:
+            if self._condition.margin is not None:
+                margin = over_rows(self._condition.margin, rows[-1:])[0]
+                self.margin = float(margin) if math.isfinite(margin) else math.inf
+            self._decide(Outcome.FAIL, t_ns[-1], self._see(rows[-1]))
 
 
-class Equals(_Target):
-    """The value is within the band at one instant."""
+class Until(Monitor):
+    """One condition holds at every tick before the one at which the other comes."""
 
-    kind = "equals"
+    def __init__(self, head: Head, holds: Expression, comes: Expression) -> None:
+        super().__init__(head, holds.unit_name)
+        self._holds = holds
+        self._comes = comes
 
-    def check(self, now: Instant) -> None:
-        """Decide at once."""
-        left = self._left(now)
-        self.margin = left if math.isfinite(left) else math.inf
-        # A tolerance of zero allows for the last bits of a scaled value.
-        rounding = 1e-9 * max(abs(self._target), self._band)
-        self._decide(Outcome.PASS if left >= -rounding else Outcome.FAIL, now)
+    def watch(self, block: Block) -> None:
+        """Fail where the first ceases too early, or where the second does not come in time."""
+        t_ns, rows, last = block
+        end = first_true(truth_of(self._comes, rows))
+        bad = first_true(~truth_of(self._holds, rows[:end]))
+        if bad is not None:
+            if self._holds.margin is not None:
+                margin = over_rows(self._holds.margin, rows[bad : bad + 1])[0]
+                self.margin = float(margin) if math.isfinite(margin) else math.inf
+            self._decide(Outcome.FAIL, t_ns[bad], f"ceased too early: {self._see(rows[bad])}")
+        elif end is not None:
+            self._leave(t_ns[end])
+            self._decide(Outcome.PASS, t_ns[end], self._see(rows[end]))
+        elif last:
+            self._decide(Outcome.FAIL, t_ns[-1], f"has not come: {self._see(rows[-1])}")
 
-    def close(self, now: Instant) -> None:
-        """Decide, where no tick fell on the instant itself."""
-        self.check(now)
 
+class Follows(Monitor):
+    """Each time the cause comes, the effect holds at some tick of the time allowed from then on."""
 
-class Settles(_Target):
-    """The value is within the band from the deadline at the latest until the window's end."""
+    def __init__(self, head: Head, cause: Expression, effect: Expression, within_ns: int) -> None:
+        super().__init__(head, "s")
+        self._cause = cause
+        self._effect = effect
+        self._within_ns = within_ns
+        self._before = False
+        self._pending: list[int] = []
+        self._judged = 0
+        self._slowest: tuple[int, int] | None = None  #: when, after what time
 
-    kind = "settles"
+    def watch(self, block: Block) -> None:
+        """Match causes with effects; fail where one has waited too long."""
+        t_ns, rows, last = block
+        cause = truth_of(self._cause, rows)
+        rises = cause & ~np.concatenate([[self._before], cause[:-1]])
+        self._before = bool(cause[-1])
+        self._pending += [int(each) for each in t_ns[rises]]
+        effects = t_ns[truth_of(self._effect, rows)]
+        left = []
+        for begin in self._pending:
+            place = int(np.searchsorted(effects, begin))
+            came = int(effects[place]) if place < len(effects) else None
+            if came is not None and came - begin <= self._within_ns:
+                self._judged += 1
+                if self._slowest is None or came - begin > self._slowest[1]:
+                    self._slowest = begin, came - begin
+                    self.margin = (self._within_ns - (came - begin)) * 1e-9
+            elif t_ns[-1] > begin + self._within_ns:
+                at = first_true(t_ns > begin + self._within_ns)
+                assert at is not None
+                self.margin = math.inf
+                told = f"nothing followed {begin * 1e-9:.3f} s: {self._see(rows[at])}"
+                self._decide(Outcome.FAIL, t_ns[at], told)
+                return
+            else:
+                left.append(begin)
+        self._pending = left
+        if last:
+            self._close(int(t_ns[-1]))
 
-    def __init__(
-        self,
-        expression: Expression,
-        name: str,
-        window: str,
-        where: str,
-        *,
-        target: float,
-        band: float,
-        hold_ns: int,
-    ) -> None:
-        super().__init__(expression, name, window, where, target=target, band=band)
-        self._hold_ns = hold_ns
-        self._since_ns: int | None = None
-
-    def check(self, now: Instant) -> None:
-        """Note since when the value is in the band; fail where it is not after the deadline."""
-        left = self._left(now)
-        if left >= 0.0:
-            if self._since_ns is None:
-                self._since_ns = now.t_ns
-        else:
-            self._since_ns = None
-        if self._since_ns is None and now.t_ns >= self.close_ns - self._hold_ns:
-            self.margin = left if math.isfinite(left) else math.inf
-            self._decide(Outcome.FAIL, now)
-
-    def close(self, now: Instant) -> None:
-        """Pass; the margin is the time between settling and the deadline."""
-        if self._since_ns is None:
-            self._decide(Outcome.FAIL, now)
+    def _close(self, t_ns: int) -> None:
+        if self._slowest is None:
+            told = "the cause has not come"
+            if self._pending:
+                told = f"the window closed before the time allowed from {self._pending[0] * 1e-9:.3f} s on"
+            self._decide(Outcome.INCONCLUSIVE, t_ns, told)
             return
-        deadline_ns = self.close_ns - self._hold_ns
-        self.margin, self._margin_unit = (deadline_ns - self._since_ns) * 1e-9, "s"
-        told = f"settled at {self._since_ns * 1e-9:.3f} s; {self.expression.observe(now.item)}"
-        self._decide(Outcome.PASS, now, told)
+        at_ns, delay_ns = self._slowest
+        told = f"{self._judged} times, slowest {delay_ns * 1e-9:.3f} s after {at_ns * 1e-9:.3f} s"
+        self._decide(Outcome.PASS, t_ns, told)
+
+
+class Count(Monitor):
+    """The condition comes at least and at most so often in the window."""
+
+    def __init__(self, head: Head, condition: Expression, least: int, most: int | None) -> None:
+        super().__init__(head, "")
+        self._condition = condition
+        self._least = least
+        self._most = most
+        self._before = False
+        self._times: list[int] = []
+
+    def watch(self, block: Block) -> None:
+        """Count ticks at which the condition comes to hold."""
+        t_ns, rows, last = block
+        holds = truth_of(self._condition, rows)
+        rises = holds & ~np.concatenate([[self._before], holds[:-1]])
+        self._before = bool(holds[-1])
+        self._times += [int(each) for each in t_ns[rises]]
+        count = len(self._times)
+        if self._most is not None and count > self._most:
+            self.margin = -1.0
+            self._decide(Outcome.FAIL, self._times[self._most], self._told(self._most + 1))
+        elif last:
+            spare = count - self._least
+            self.margin = float(spare if self._most is None else min(spare, self._most - count))
+            self._decide(Outcome.PASS if spare >= 0 else Outcome.FAIL, t_ns[-1], self._told(count))
+
+    def _told(self, count: int) -> str:
+        shown = ", ".join(f"{each * 1e-9:.3f}" for each in self._times[: min(count, 10)])
+        more = " s, ..." if count > 10 else " s" if count else ""
+        return f"{count} times" + (f": at {shown}{more}" if count else "")
 
 
 class InSequence(Monitor):
     """The value takes the wanted values one after the other."""
 
-    kind = "sequence"
-
     def __init__(
         self,
-        expression: Expression,
-        name: str,
-        window: str,
-        where: str,
-        *,
+        head: Head,
+        value: Expression,
         wanted: Sequence[float],
         exactly: bool,
-        signal: Signal | None,
+        say: Callable[[float], str],
     ) -> None:
-        super().__init__(expression, name, window, where)
+        super().__init__(head, value.unit_name)
+        self._value = value
         self._wanted = tuple(wanted)
         self._exactly = exactly
-        self._signal = signal
+        self._say = say
         self._reached = 0
         self._last = math.nan
         self._met: list[float] = []
 
-    def check(self, now: Instant) -> None:
+    def watch(self, block: Block) -> None:
         """Compare each new value with the next wanted one."""
-        _, item, seen, t, since_step = now
-        value = float(self.expression.function(item, seen, t, since_step))
-        if value == self._last or value != value:
-            return
+        values = self._value.values(block.rows)
+        known = np.flatnonzero(~np.isnan(values))
+        there = values[known]
+        changed = there != np.concatenate([[self._last], there[:-1]])
+        for place in known[changed]:
+            self._take(float(values[place]), int(block.t_ns[place]))
+            if self.outcome is not None:
+                return
+        if block.last:
+            complete = self._reached == len(self._wanted)
+            met = self._chain() or "no value"
+            self._decide(Outcome.PASS if complete else Outcome.FAIL, block.t_ns[-1], met)
+
+    def _take(self, value: float, t_ns: int) -> None:
         self._last = value
         self._met.append(value)
         if self._reached < len(self._wanted) and value == self._wanted[self._reached]:
             self._reached += 1
             if self._reached == len(self._wanted) and not self._exactly:
-                self._keep_time_left(now)
-                self._decide(Outcome.PASS, now, self._chain(self._met))
+                self._leave(t_ns)
+                self._decide(Outcome.PASS, t_ns, self._chain())
         elif self._exactly:
-            self._decide(Outcome.FAIL, now, self._chain(self._met))
+            self._decide(Outcome.FAIL, t_ns, self._chain())
 
-    def close(self, now: Instant) -> None:
-        """Pass where all have come."""
-        complete = self._reached == len(self._wanted)
-        met = self._chain(self._met) or "no value"
-        self._decide(Outcome.PASS if complete else Outcome.FAIL, now, met)
-
-    def _chain(self, values: Sequence[float]) -> str:
-        shown = [self._signal.say(v) if self._signal else f"{v:g}" for v in values[-20:]]
-        return ("... > " if len(values) > 20 else "") + " > ".join(shown)
-
-    def _says(self) -> str:
-        how = "exactly " if self._exactly else ""
-        return f"{self.kind}: {self.expression.text} {how}{self._chain(self._wanted)}"
+    def _chain(self) -> str:
+        met = self._met
+        return ("... > " if len(met) > 20 else "") + " > ".join(self._say(v) for v in met[-20:])

@@ -33,6 +33,11 @@ class Place(NamedTuple):
     def __str__(self) -> str:
         return self.locate(self.steps)
 
+    @property
+    def path(self) -> str:
+        """The path alone, without file and line."""
+        return spell(self.steps)
+
     def refuse(self, expected: str, got: str, hint: str = "") -> InputError:
         """Return the error to raise about what stands here."""
         line = " ".join(got.split())

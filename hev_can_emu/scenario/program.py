@@ -2,44 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from hev_can_emu.scenario import expectations, stimuli
+import numpy as np
+import numpy.typing as npt
+
+from hev_can_emu.scenario.columns import Columns
+from hev_can_emu.scenario.evaluation import Code
 from hev_can_emu.scenario.expression import Expression
+from hev_can_emu.scenario.monitor import Monitor
 from hev_can_emu.scenario.signals import Signal
 
 
 class Instant(NamedTuple):
-    """A time in the scenario: ``offset_ns`` after the start, or after the step with that number."""
+    """A time in the scenario: ``offset_ns`` after its start, or after the step with that number."""
 
     step: int | None
     offset_ns: int
 
 
-class Ramp(NamedTuple):
-    """Line from ``start`` (NaN: the present value) to ``end``."""
+class Span(NamedTuple):
+    """Where in the tables a program or samples stand."""
 
-    start: float
-    end: float
-    length_ns: int
-
-
-class Sine(NamedTuple):
-    """Sine around ``offset`` (NaN: the present value); ``omega`` in rad/s, ``phase`` in rad."""
-
-    offset: float
-    amplitude: float
-    omega: float
-    phase: float
-
-
-class Follow(NamedTuple):
-    """``gain * expression + offset`` at every tick."""
-
-    expression: Expression
-    gain: float
-    offset: float
+    first: int
+    length: int
 
 
 class Set(NamedTuple):
@@ -56,7 +43,44 @@ class Release(NamedTuple):
     """The initial value."""
 
 
-Action = Set | Ramp | Sine | Follow | Hold | Release
+class Shape(NamedTuple):
+    """A running stimulus, as :mod:`.script` reads it.
+
+    Attributes:
+        kind: LINE, WAVE, CHIRP, TRAIN, TABLE or FOLLOW.
+        numbers: up to four; a first one of NaN stands for the present value.
+        length_ns: of a line or chirp; of one step of a train.
+        span: code or samples.
+        mode: chirp: 1 logarithmic; train: rounds; table: 1 straight lines.
+    """
+
+    kind: int
+    numbers: tuple[float, ...]
+    length_ns: int = 0
+    span: Span = Span(0, 0)
+    mode: int = 0
+
+
+Action = Set | Shape | Hold | Release
+
+
+class SendMessage(NamedTuple):
+    """From now on ``message`` is sent (``enabled``) or not."""
+
+    message: str
+    enabled: bool
+
+
+class SendFrame(NamedTuple):
+    """A raw frame, sent once."""
+
+    identifier: int
+    data: bytes
+    extended: bool
+    fd: bool
+
+
+Command = SendMessage | SendFrame
 
 
 class Step(NamedTuple):
@@ -66,20 +90,51 @@ class Step(NamedTuple):
     at_ns: int | None
     after_ns: int | None
     when: Expression | None
+    when_span: Span
     timeout_ns: int
     held_ns: int
     stop_on_timeout: bool
     actions: tuple[tuple[Signal, Action], ...]
-    messages: tuple[stimuli.SendMessage, ...]
+    commands: tuple[Command, ...]
     where: str
 
 
 class Watch(NamedTuple):
-    """One expectation: ``make`` gives a fresh monitor for the window."""
+    """One expectation: ``make`` gives a fresh monitor for the window; ``hears``: it needs the frames."""
 
     opens: Instant
     closes: Instant
-    make: Callable[[], expectations.Monitor]
+    make: Callable[[], Monitor]
+    hears: bool
+
+
+class Tables:
+    """Collects all programs' code and all samples."""
+
+    def __init__(self) -> None:
+        self._code: list[Code] = []
+        self._samples: list[npt.NDArray[np.float64]] = []
+        self._codes = self._sampled = 0
+
+    def add_code(self, code: Code) -> Span:
+        """Return where ``code`` stands now."""
+        span = Span(self._codes, len(code))
+        self._code.append(code)
+        self._codes += len(code)
+        return span
+
+    def add_rows(self, rows: Sequence[tuple[float, float]]) -> Span:
+        """Return where samples, time in s and value, stand now."""
+        samples = np.array(rows, dtype=np.float64)
+        span = Span(self._sampled, len(samples))
+        self._samples.append(samples)
+        self._sampled += len(samples)
+        return span
+
+    def arrays(self) -> tuple[Code, npt.NDArray[np.float64]]:
+        """Return all code and all samples, shape (n, 2) each."""
+        empty = np.empty((0, 2))
+        return np.concatenate([empty, *self._code]), np.concatenate([empty, *self._samples])
 
 
 class Program(NamedTuple):
@@ -87,5 +142,9 @@ class Program(NamedTuple):
 
     name: str
     duration_ns: int
+    setup: tuple[Step, ...]
     steps: tuple[Step, ...]
+    teardown: tuple[Step, ...]
     watches: tuple[Watch, ...]
+    columns: Columns
+    tables: Tables

@@ -1,4 +1,4 @@
-"""A scenario file's shape, version 1; what its texts mean is found out in :mod:`.program`.
+"""A scenario file's shape, version 1; what its texts mean is found out in :mod:`.compiler`.
 
 Every quantity may be a bare number (the signal's own unit), a text with a unit (``20 km/h``), or,
 for signals with a value table, a label.  Times always carry a unit.
@@ -10,28 +10,21 @@ from typing import Annotated, Literal
 
 import msgspec
 
-Text = Annotated[str, msgspec.Meta(min_length=1)]
-Value = (
-    int | float | str | bool
-)  #: bool only so that it can be refused with a better word than "number"
-Names = tuple[Text, ...]
+from hev_can_emu.scenario.expectation_schema import Expectation, Names, Record, Text, Value
 
 DEFAULT_PLAYS = ("HCU", "VEH")  #: the controller under test, and driver and road
+MAX_TIMES = 10_000  #: rounds of one loop
 
 
-class _Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    pass
-
-
-class Ramp(_Record, frozen=True):
-    """A straight line from ``start`` (default: the present value) to ``to`` in the time ``over``."""
+class Ramp(Record, frozen=True):
+    """A straight line from ``from`` (default: the present value) to ``to`` in the time ``over``."""
 
     to: Value
     over: Value
     start: Value | None = msgspec.field(default=None, name="from")
 
 
-class Sine(_Record, frozen=True):
+class Sine(Record, frozen=True):
     """``offset + amplitude * sin(2 pi frequency t + phase)``; offset defaults to the present value."""
 
     amplitude: Value
@@ -40,8 +33,55 @@ class Sine(_Record, frozen=True):
     phase: Value = 0.0
 
 
-class Step(_Record, frozen=True):
-    """One step: exactly one of ``at``, ``when``, ``after`` says when, the others what to do then."""
+class Chirp(Record, frozen=True):
+    """A sine whose frequency sweeps from ``from`` to ``to`` in the time ``over``, then ``offset``."""
+
+    amplitude: Value
+    start: Value = msgspec.field(name="from")
+    to: Value
+    over: Value
+    offset: Value | None = None
+    sweep: Literal["linear", "logarithmic"] = "linear"
+
+
+class Train(Record, frozen=True):
+    """A train of steps: each of ``values`` lasts ``every``, all come ``times`` times; the last stays."""
+
+    values: Annotated[tuple[Value, ...], msgspec.Meta(min_length=1)]
+    every: Value
+    times: Annotated[int, msgspec.Meta(ge=1, le=1_000_000)] = 1
+
+
+class Profile(Record, frozen=True):
+    """A column of a CSV file over its column of times; the last value stays."""
+
+    file: Text
+    column: Text
+    time: Text = "time"
+    between: Literal["line", "hold"] = "line"
+
+
+class RawFrame(Record, frozen=True):
+    """A frame as it stands, sent once: ``data`` are hexadecimal bytes."""
+
+    id: Annotated[int, msgspec.Meta(ge=0, le=0x1FFFFFFF)]
+    data: str = ""
+    extended: bool = False
+    fd: bool = False
+
+
+class Repeat(Record, frozen=True):
+    """A loop: ``steps`` so many ``times``, or for each of the values of a name in ``for``."""
+
+    steps: tuple[Step, ...]
+    times: Annotated[int, msgspec.Meta(ge=1, le=MAX_TIMES)] | None = None
+    each: dict[str, Annotated[tuple[Value, ...], msgspec.Meta(min_length=1)]] = msgspec.field(
+        default_factory=dict, name="for"
+    )
+
+
+class Step(Record, frozen=True):
+    """One step: one of ``at``, ``when``, ``after`` says when, the others what to do then; or a loop."""
 
     name: str = ""
     at: Value | None = None
@@ -50,59 +90,22 @@ class Step(_Record, frozen=True):
     timeout: Value | None = None
     held: Value | None = None
     on_timeout: Literal["stop", "continue"] = "stop"
-    set: dict[str, Value] = {}
-    ramp: dict[str, Ramp] = {}
-    follow: dict[str, Text] = {}
-    sine: dict[str, Sine] = {}
+    set: dict[str, Value] = msgspec.field(default_factory=dict)
+    ramp: dict[str, Ramp] = msgspec.field(default_factory=dict)
+    follow: dict[str, Text] = msgspec.field(default_factory=dict)
+    sine: dict[str, Sine] = msgspec.field(default_factory=dict)
+    chirp: dict[str, Chirp] = msgspec.field(default_factory=dict)
+    train: dict[str, Train] = msgspec.field(default_factory=dict)
+    profile: dict[str, Profile] = msgspec.field(default_factory=dict)
     hold: Names = ()
     release: Names = ()
     silence: Names = ()
     resume: Names = ()
+    send: tuple[RawFrame, ...] = ()
+    repeat: Repeat | None = None
 
 
-class Settles(_Record, frozen=True):
-    """``value`` comes within ``band`` of ``to`` and stays there."""
-
-    value: Text
-    to: Value
-    band: Value
-
-
-class Equals(_Record, frozen=True):
-    """``value`` is within ``tolerance`` of ``to``."""
-
-    value: Text
-    to: Value
-    tolerance: Value = 0.0
-
-
-class Sequence(_Record, frozen=True):
-    """``value`` takes the values ``of`` in this order; ``exactly`` allows no other between."""
-
-    value: Text
-    of: Annotated[tuple[Value, ...], msgspec.Meta(min_length=1)]
-    exactly: bool = False
-
-
-class Expectation(_Record, frozen=True):
-    """Exactly one of always, never, becomes, settles, equals, sequence, and the window."""
-
-    name: str = ""
-    always: Text | None = None
-    never: Text | None = None
-    becomes: Text | None = None
-    settles: Settles | None = None
-    equals: Equals | None = None
-    sequence: Sequence | None = None
-    at: Value | None = None
-    start: Value | None = msgspec.field(default=None, name="from")
-    to: Value | None = None
-    length: Value | None = msgspec.field(default=None, name="for")
-    within: Value | None = None
-    hold: Value | None = None
-
-
-class Scenario(_Record, frozen=True):
+class Scenario(Record, frozen=True):
     """One scenario file."""
 
     version: Literal[1]
@@ -112,10 +115,17 @@ class Scenario(_Record, frozen=True):
     vehicle: Text | None = None
     model: Text | None = None
     bus: Text | None = None
-    seed: int | None = None
+    seed: Annotated[int, msgspec.Meta(ge=0)] | None = None
     start: Literal["ready", "off"] | None = None
-    nodes: dict[str, Literal["emulated", "external", "silent"]] = {}
+    nodes: dict[str, Literal["emulated", "external", "silent"]] = msgspec.field(
+        default_factory=dict
+    )
     plays: Names = DEFAULT_PLAYS
-    parameters: dict[str, Value] = {}
+    parameters: dict[str, Value] = msgspec.field(default_factory=dict)
+    matrix: dict[str, Annotated[tuple[Value, ...], msgspec.Meta(min_length=1)]] = msgspec.field(
+        default_factory=dict
+    )
+    setup: tuple[Step, ...] = ()
     steps: tuple[Step, ...] = ()
+    teardown: tuple[Step, ...] = ()
     expectations: tuple[Expectation, ...] = ()

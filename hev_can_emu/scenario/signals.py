@@ -106,7 +106,12 @@ class Signals:
         self.messages: dict[str, str] = {}  #: message name to sender
         self._qualified: dict[str, Signal] = {}
         self._by_name: dict[str, list[Signal]] = {}
+        self._first: dict[str, int] = {}
+        self.identifiers: dict[str, tuple[int, bool]] = {}  #: message to CAN identifier, extended
         for message in messages:
+            self.identifiers[message.name] = (message.can_id, message.extended)
+            if message.signals:
+                self._first[message.name] = message.signals[0].index
             self.messages[message.name] = message.sender
             for definition in message.signals:
                 signal = _signal(definition, message)
@@ -143,6 +148,10 @@ class Signals:
             return "one signal", f"'{name}' of {len(several)} messages", f"write {choices}"
         known = self._qualified if "." in name else [*self._by_name, *others]
         return "a signal", f"'{name}'", did_you_mean(name, known)
+
+    def first_signal(self, message: str) -> int:
+        """Return the index of a message's first signal, -1 where it has none."""
+        return self._first.get(message, -1)
 
     def require_message(self, name: str, place: Place) -> str:
         """Return ``name`` if a message is called so; raises InputError."""

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
 import keyword
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
-from hev_can_emu.scenario import schema
-from hev_can_emu.scenario.expression import (
+from hev_can_emu.scenario.columns import Columns
+from hev_can_emu.scenario.expectation_schema import Value
+from hev_can_emu.scenario.expression import Expression
+from hev_can_emu.scenario.expression_compiler import (
     RESERVED,
-    Expression,
+    Scope,
     compile_condition,
     compile_expression,
 )
 from hev_can_emu.scenario.place import Place
 from hev_can_emu.scenario.quantities import Parameter
-from hev_can_emu.scenario.signals import Signals
+from hev_can_emu.scenario.sources import Sources
 from hev_can_emu.units import parse_quantity, unit
 
 _WORD = re.compile(r"\w+")
@@ -28,16 +31,15 @@ class Values:
         InputError: what is written at the place cannot be read, or does not fit.
     """
 
-    def __init__(
-        self, signals: Signals, parameters: Mapping[str, schema.Value], place: Place
-    ) -> None:
-        self.signals = signals
+    def __init__(self, sources: Sources, parameters: Mapping[str, Value], place: Place) -> None:
+        self.signals = sources.signals
         self.parameters: dict[str, Parameter] = {}
+        self.scope = Scope(sources, self.parameters, Columns())
         for name, value in parameters.items():
             self.parameters[name] = self._parameter(name, value, place / name)
         self.unused = set(self.parameters)  #: parameters that nothing has asked for yet
 
-    def _parameter(self, name: str, value: schema.Value, place: Place) -> Parameter:
+    def _parameter(self, name: str, value: Value, place: Place) -> Parameter:
         if not name.isidentifier() or keyword.iskeyword(name):
             raise place.refuse("a name of letters, digits and _", f"'{name}'")
         if name in RESERVED:
@@ -52,7 +54,27 @@ class Values:
         own = unit(quantity.unit)
         return Parameter(float(f"{own.from_si(quantity.si_value):.15g}"), quantity.unit)
 
-    def resolve(self, value: schema.Value) -> schema.Value:
+    @contextlib.contextmanager
+    def given(self, values: Mapping[str, Value], place: Place, check_use: bool) -> Iterator[None]:
+        """Let more names stand for values meanwhile; with ``check_use`` each must be used."""
+        for name, value in values.items():
+            if name in self.parameters:
+                got = f"'{name}'"
+                raise (place / name).refuse("a name of its own", got, "a parameter is called so")
+            self.parameters[name] = self._parameter(name, value, place / name)
+            self.unused.add(name)
+        try:
+            yield
+        finally:
+            unused = self.unused & set(values)
+            for name in values:
+                del self.parameters[name]
+            self.unused -= set(values)
+        if check_use and unused:
+            name = min(unused)
+            raise (place / name).refuse("a name in use", f"'{name}'", "remove it")
+
+    def resolve(self, value: Value) -> Value:
         """Return a parameter's quantity where ``value`` is its name."""
         if isinstance(value, str) and value in self.parameters:
             self.unused.discard(value)
@@ -60,7 +82,7 @@ class Values:
             return f"{parameter.value!r} {parameter.unit}" if parameter.unit else parameter.value
         return value
 
-    def si(self, value: schema.Value, expect: str, place: Place) -> float:
+    def si(self, value: Value, expect: str, place: Place) -> float:
         """Return a quantity of the kind ``expect`` in SI; 0 needs no unit."""
         value = self.resolve(value)
         if value == 0 and not isinstance(value, bool):
@@ -68,14 +90,14 @@ class Values:
         text = str(value).lower() if isinstance(value, bool) else str(value)
         return parse_quantity(text, str(place), expect).si_value
 
-    def time(self, value: schema.Value, place: Place) -> int:
+    def time(self, value: Value, place: Place) -> int:
         """Return a time in ns, rounded."""
         seconds = self.si(value, "s", place)
         if not 0.0 <= seconds < 1e9:
             raise place.refuse("a time of 0 s or more", f"'{value}'")
         return round(seconds * 1e9)
 
-    def difference(self, value: schema.Value, own: str, place: Place) -> float:
+    def difference(self, value: Value, own: str, place: Place) -> float:
         """Return a band, tolerance or amplitude, counted in the unit ``own``."""
         value = self.resolve(value)
         if isinstance(value, bool):
@@ -90,24 +112,23 @@ class Values:
             raise place.refuse("a number of 0 or more", f"{value}")
         return result
 
-    def of(self, expression: Expression, value: schema.Value, place: Place) -> float:
+    def of(self, expression: Expression, value: Value, place: Place) -> float:
         """Return a value with which ``expression`` is compared, in its unit."""
         value = self.resolve(value)
-        signal = self.signals.find(expression.text.strip())
-        if signal is not None:
-            return signal.parse(value, place)
+        if expression.signal is not None:
+            return expression.signal.parse(value, place)
         if isinstance(value, bool):
             raise place.refuse("a number", str(value).lower())
         if not isinstance(value, str):
             return float(value)
-        own = expression.unit.name if expression.unit is not None else ""
+        own = expression.unit_name
         quantity = parse_quantity(value, str(place), own)
         return float(f"{unit(own).from_si(quantity.si_value):.12g}")
 
     def expression(self, text: str, place: Place) -> Expression:
         """Return ``text`` compiled, which must be a number."""
         self._note(text)
-        expression = compile_expression(text, self.signals, self.parameters, place)
+        expression = compile_expression(text, self.scope, place)
         if expression.boolean:
             raise place.refuse("a number", f"the condition '{text}'")
         return expression
@@ -115,7 +136,7 @@ class Values:
     def condition(self, text: str, place: Place) -> Expression:
         """Return ``text`` compiled, which must be a condition."""
         self._note(text)
-        return compile_condition(text, self.signals, self.parameters, place)
+        return compile_condition(text, self.scope, place)
 
     def _note(self, text: str) -> None:
         self.unused.difference_update(_WORD.findall(text))

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from hev_can_emu import config
 from hev_can_emu.messages.definitions import MessageDef, SignalDef
+from hev_can_emu.messages.frame import make_frames
+from hev_can_emu.plant.events import EVENT
+from hev_can_emu.scenario import script
+from hev_can_emu.scenario.place import Place
 from hev_can_emu.scenario.player import Player
 from hev_can_emu.scenario.schema import Scenario
 from hev_can_emu.scenario.signals import Signals
-from hev_can_emu.scenario.stimuli import SetSignal
+from hev_can_emu.scenario.sources import EventKind, Sources, Truth
+from hev_can_emu.units import unit
 
 MODES = {0: "Off", 1: "Torque", 2: "Speed", 15: "NotAvailable"}
 CLUTCH = {0: "Open", 1: "Slipping", 2: "Locked"}
@@ -66,7 +71,7 @@ def make_messages() -> list[MessageDef]:
     index = 0
     for number, (name, (sender, entries)) in enumerate(NETWORK.items()):
         signals = []
-        for signal, (unit, low, high, initial, labels) in entries.items():
+        for signal, (shown, low, high, initial, labels) in entries.items():
             signals.append(
                 SignalDef(
                     index=index,
@@ -75,7 +80,7 @@ def make_messages() -> list[MessageDef]:
                     message=name,
                     start=0,
                     length=16,
-                    unit=unit,
+                    unit=shown,
                     minimum=low,
                     maximum=high,
                     initial=initial,
@@ -92,51 +97,127 @@ def make_messages() -> list[MessageDef]:
     return messages
 
 
+#: Truth of the synthetic plant, and its events.
+TRUTHS = {
+    "vehicle_speed": Truth(0, unit("m/s")),
+    "acceleration": Truth(1, unit("m/s^2")),
+    "share": Truth(2, None),
+}
+EVENTS = {
+    "lock": EventKind(1, {"C1": 0, "G1": 1}),
+    "synchronizer": EventKind(2, {"engaged": 3, "neutral": 0}, by_value=True),
+}
+
+
 class Bench:
     """Plays scenario texts; what is sent is kept by tick (ms)."""
 
     def __init__(self, signals: Signals) -> None:
         self.signals = signals
+        self.profiles: dict[str, str] = {}
         self.player: Player
         self.sent: list[tuple[int, str, float | bool]] = []
-        self.calls = 0
+        self.commands: list[tuple[int, Any]] = []
+        self.ticks = 0
 
     def load(self, text: str) -> Player:
         """Return a player; a missing head is added."""
         if "version:" not in text:
             text = "version: 1\nname: test\n" + textwrap.dedent(text)
         document = config.parse(text, "s.yaml")
-        self.player = Player(document.convert(Scenario), self.signals, document.where)
+        sources = Sources(self.signals, TRUTHS, EVENTS, self._profile)
+        self.player = Player(document.convert(Scenario), sources, document.where)
         return self.player
+
+    def _profile(self, file: str, place: Place) -> str:
+        if file not in self.profiles:
+            raise place.refuse("a file", f"'{file}'")
+        return self.profiles[file]
 
     def play(
         self,
         text: str,
         bus: Mapping[str, Callable[[float], float] | float] | None = None,
         *,
-        every_tick: bool = True,
         until: float = 1e9,
+        look_every: int = 1,
+        events: Sequence[tuple[int, int, int, float]] = (),
+        frames: Sequence[tuple[int, int]] = (),
     ) -> Player:
-        """Play to the end; ``bus`` gives signals as constants or functions of seconds."""
+        """Play to the end.
+
+        Args:
+            text: the scenario.
+            bus: signals and ``truth.name`` as constants or functions of seconds.
+            until: seconds, where it is to be left unfinished.
+            look_every: after how many ticks the expectations look.
+            events: ms at whose end they are noted, kind, index, value.
+            frames: ns, identifier.
+        """
         player = self.load(text)
         found_all = [self.signals.find(name) for name in self.signals.names()]
         names = {signal.index: signal.name for signal in found_all if signal is not None}
         size = max(names) + 1
-        values = np.full(size, math.nan)
+        on_bus, truth = np.full(size, math.nan), np.full(len(TRUTHS), math.nan)
         seen = np.full(size, -1, dtype=np.int64)
-        self.sent, self.calls = [], 0
-        t_ns = 0
-        while not player.finished and t_ns * 1e-9 <= until:
-            for name, source in (bus or {}).items():
-                found = self.signals.find(name)
-                assert found is not None
-                values[found.index] = source(t_ns * 1e-9) if callable(source) else source
-                if not math.isnan(values[found.index]):
-                    seen[found.index] = t_ns
-            for each in player.step(t_ns, values, seen):
-                name = names[each.signal] if isinstance(each, SetSignal) else each.message
-                value = each.value if isinstance(each, SetSignal) else each.enabled
-                self.sent.append((t_ns // 1_000_000, name, value))
-            self.calls += 1
-            t_ns = t_ns + 1_000_000 if every_tick else player.next_wake_ns(t_ns)
+        values = np.full(size, math.nan)
+        for signal in found_all:
+            if signal is not None:
+                values[signal.index] = signal.initial
+        self.sent, self.commands = [], []
+        ms = self.ticks = 0
+        while not player.finished and ms * 1e-3 <= until:
+            self._fill(bus or {}, ms, on_bus, seen, truth)
+            before = values.copy()
+            self._tick(player, ms, (on_bus, seen, truth, values))
+            for index in np.flatnonzero(
+                (values != before) & ~(np.isnan(values) & np.isnan(before))
+            ):
+                self.sent.append((ms, names[int(index)], float(values[index])))
+            self._happen(player, ms, events, frames)
+            if ms % look_every == 0:
+                player.observe()
+            ms += 1
+            self.ticks = ms
         return player
+
+    def _fill(self, bus: Mapping[str, Any], ms: int, on_bus: Any, seen: Any, truth: Any) -> None:
+        for name, source in bus.items():
+            value = source(ms * 1e-3) if callable(source) else source
+            if name.startswith("truth."):
+                truth[TRUTHS[name.removeprefix("truth.")].place] = value
+                continue
+            found = self.signals.find(name)
+            assert found is not None
+            on_bus[found.index] = value
+            if not math.isnan(value):
+                seen[found.index] = ms * 1_000_000
+
+    def _tick(self, player: Player, ms: int, vectors: Any) -> None:
+        """Do what happens at a tick, as a run does it."""
+        t_ns = ms * 1_000_000
+        while not player.finished:
+            for command in player.due(t_ns, vectors[3]):
+                self.commands.append((ms, command))
+            if player.finished:
+                return
+            ending = player.ending(t_ns)
+            if player.look(t_ns, *vectors) == script.GO_ON:
+                if not ending:
+                    return
+                player.end(t_ns)
+            elif player.full:
+                player.observe()
+
+    def _happen(self, player: Player, ms: int, events: Any, frames: Any) -> None:
+        noted = [event for event in events if event[0] == ms]
+        if noted:
+            records = np.zeros(len(noted), dtype=EVENT)
+            for record, (_, kind, index, value) in zip(records, noted, strict=True):
+                record["kind"], record["index"], record["value"] = kind, index, value
+            script.mark_events(player.script, records, 0, len(noted))
+        heard = [each for each in frames if ms <= each[0] * 1e-6 < ms + 1]
+        records = make_frames(len(heard))
+        for record, (t_ns, identifier) in zip(records, heard, strict=True):
+            record["t_ns"], record["id"] = t_ns, identifier
+        player.hear(records)

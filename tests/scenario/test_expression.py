@@ -7,11 +7,17 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scenario_bench import EVENTS, TRUTHS
 
 from hev_can_emu.errors import InputError
-from hev_can_emu.scenario.expression import Expression, Parameter, compile_expression
+from hev_can_emu.scenario import columns as kinds
+from hev_can_emu.scenario.columns import Columns
+from hev_can_emu.scenario.expression import Expression, over_rows
+from hev_can_emu.scenario.expression_compiler import Scope, compile_expression
 from hev_can_emu.scenario.place import Place
+from hev_can_emu.scenario.quantities import Parameter
 from hev_can_emu.scenario.signals import Signals
+from hev_can_emu.scenario.sources import Sources
 
 NAN = math.nan
 PARAMETERS = {
@@ -21,23 +27,35 @@ PARAMETERS = {
 }
 
 
-def compiled(text: str, signals: Signals) -> Expression:
-    return compile_expression(text, signals, PARAMETERS, Place())
+def compiled(text: str, signals: Signals, columns: Columns | None = None) -> Expression:
+    scope = Scope(Sources(signals, TRUTHS, EVENTS), PARAMETERS, columns or Columns())
+    return compile_expression(text, scope, Place())
 
 
-def vectors(signals: Signals, **given: float) -> tuple[Any, Any]:
-    values, seen = np.full(100, NAN), np.full(100, -1, dtype=np.int64)
-    for name, value in given.items():
+def row_of(columns: Columns, signals: Signals, t: float, since_step: float, **given: float) -> Any:
+    """Return what the columns hold where only ``given`` signals were seen, at 0.5 s."""
+    known = {}
+    for name, number in given.items():
         signal = signals.find(name)
         assert signal is not None
-        values[signal.index] = value
-        seen[signal.index] = 500_000_000
-    return values.item, seen.item
+        known[signal.index] = number
+    row = []
+    for kind, what, _ in columns.tables()[0]:
+        fixed = {kinds.T: t, kinds.SINCE_STEP: since_step}
+        number = known.get(int(what), NAN)
+        row.append(fixed.get(kind, 0.5 if kind == kinds.SEEN and number == number else number))
+    return np.array(row)
 
 
 def value(text: str, signals: Signals, **given: float) -> Any:
-    item, seen = vectors(signals, **given)
-    return compiled(text, signals).function(item, seen, 2.0, 0.5)
+    columns = Columns()
+    expression = compiled(text, signals, columns)
+    row = row_of(columns, signals, 2.0, 0.5, **given)
+    found = expression.holds(row) if expression.boolean else expression.value(row)
+    # Over many rows it is the same.
+    many = expression.values(np.array([row, row]))
+    assert np.array_equal(many, [float(found)] * 2, equal_nan=True)
+    return found
 
 
 @pytest.mark.parametrize(
@@ -109,26 +127,29 @@ def test_huge_powers_give_no_traceback(signals: Signals) -> None:
 
 
 def test_margin_is_the_distance_to_failing_in_the_left_unit(signals: Signals) -> None:
-    item, seen = vectors(signals, VehicleSpeed=30.0)
     for text, margin in [
         ("VehicleSpeed < 10 m/s", 6.0),
         ("VehicleSpeed > 10 m/s", -6.0),
         ("20 < VehicleSpeed < 33", 3.0),
     ]:
-        expression = compiled(text, signals)
+        columns = Columns()
+        expression = compiled(text, signals, columns)
+        row = row_of(columns, signals, 0.0, 0.0, VehicleSpeed=30.0)
         assert expression.margin is not None
         assert expression.unit is not None
-        assert expression.margin(item, seen, 0.0, 0.0) == pytest.approx(margin)
+        assert over_rows(expression.margin, row[None, :])[0] == pytest.approx(margin)
         assert expression.unit.name == "km/h" or text.startswith("20 <")
     assert compiled("VehicleSpeed == 3", signals).margin is None
     assert compiled("VehicleSpeed > 3 and EM1Speed > 4", signals).margin is None
 
 
 def test_observation_names_values_labels_and_units(signals: Signals) -> None:
-    expression = compiled("ClutchState == Open and EM1Speed > 3 or EM2Speed < 2", signals)
-    item, _ = vectors(signals, ClutchState=1.0, EM1Speed=2.5)
+    columns = Columns()
+    text = "ClutchState == Open and EM1Speed > 3 or EM2Speed < 2"
+    expression = compiled(text, signals, columns)
+    row = row_of(columns, signals, 0.0, 0.0, ClutchState=1.0, EM1Speed=2.5)
     told = "ClutchState = Slipping, EM1Speed = 2.5 rpm, EM2Speed = not available"
-    assert expression.observe(item) == told
+    assert expression.observe(row) == told
 
 
 @pytest.mark.parametrize(
@@ -180,7 +201,7 @@ def test_observation_names_values_labels_and_units(signals: Signals) -> None:
         (
             "foo(3)",
             "expected a function, got 'foo' in 'foo(3)'; known: abs, min, max, clip, sqrt, sign, "
-            "convert, quantity, number, available, age",
+            "convert, quantity, number, available, age, frame, event",
         ),
         ("clip(3)", "expected 3 arguments to clip, got 1 in 'clip(3)'"),
         ("abs(1 < 2)", "expected a number, got the condition '1 < 2'"),
@@ -235,8 +256,9 @@ def test_only_the_whitelist_compiles(text: str, signals: Signals) -> None:
     st.text(st.sampled_from(list("tEM1 .()+-*/<>=!'\"_0e%andorjkmh[]{}:,&|^\n\\#@")), max_size=40)
 )
 def test_any_text_compiles_or_is_refused(text: str) -> None:
+    columns = Columns()
     try:
-        expression = compile_expression(text, Signals([]), PARAMETERS, Place())
+        expression = compiled(text, Signals([]), columns)
     except InputError:
         return
-    expression.function(lambda i: 0.0, lambda i: 0.0, 1.0, 1.0)
+    expression.value(np.ones(len(columns)))

@@ -18,7 +18,7 @@ CASES: list[tuple[str, str]] = [
     ),
     (
         HEAD + "step: []\n",
-        "s.yaml:4: $.step: expected a known key, got 'step'; did you mean 'steps' or 'seed'?",
+        "s.yaml:4: $.step: expected a known key, got 'step'; did you mean 'steps' or 'setup' or 'seed'?",
     ),
     (
         HEAD + "name: again\n",
@@ -27,7 +27,8 @@ CASES: list[tuple[str, str]] = [
     ("version: 2\nname: x\nduration: 1 s\n", "s.yaml:1: $.version: expected 1, got 2"),
     (
         HEAD + "steps:\n- at: 0 s\n  sett: {}\n",
-        "s.yaml:6: $.steps[0].sett: expected a known key, got 'sett'; did you mean 'set' or 'sine'?",
+        "s.yaml:6: $.steps[0].sett: expected a known key, got 'sett'; "
+        "did you mean 'set' or 'sine' or 'send'?",
     ),
     (
         HEAD + "nodes: {EMS: absent}\n",
@@ -228,8 +229,9 @@ CASES: list[tuple[str, str]] = [
     # Expectations
     (
         HEAD + "expectations:\n- from: 1 s\n",
-        "s.yaml:5: $.expectations[0]: expected one of always, never, becomes, settles, equals, "
-        "sequence, got none",
+        "s.yaml:5: $.expectations[0]: expected one of always, never, becomes, until, settles, "
+        "equals, overshoot, rise_time, monotone, sequence, follows, count, period, jerk, "
+        "vibration_dose, got none",
     ),
     (
         HEAD + "expectations:\n- always: t > 1 s\n  to: 11 s\n",

@@ -16,7 +16,9 @@ from hev_can_emu import config
 from hev_can_emu.errors import InputError
 from hev_can_emu.scenario.player import Player
 from hev_can_emu.scenario.schema import Scenario
+from hev_can_emu.scenario.script import GO_ON
 from hev_can_emu.scenario.signals import Signals
+from hev_can_emu.scenario.sources import Sources
 
 SIGNALS = Signals(make_messages())
 SEED = config.parse(
@@ -81,7 +83,7 @@ def play(data: Any) -> None:
     text = msgspec.json.encode(data).decode()
     try:
         document = config.parse(text)
-        player = Player(document.convert(Scenario), SIGNALS, document.where)
+        player = Player(document.convert(Scenario), Sources(SIGNALS), document.where)
     except InputError as error:
         told = str(error)
     else:
@@ -91,14 +93,20 @@ def play(data: Any) -> None:
 
 
 def run(player: Player, data: Any) -> None:
-    values = np.zeros(20)
+    values, on_bus, truth = np.zeros(20), np.zeros(20), np.zeros(4)
     seen = np.zeros(20, dtype=np.int64)
     t_ns = 0
     for _ in range(200):
-        player.step(t_ns, values, seen)
-        later = player.next_wake_ns(t_ns)
+        for _ in range(200):
+            player.due(t_ns, values)
+            if player.finished or player.look(t_ns, on_bus, seen, truth, values) == GO_ON:
+                break
+            player.observe()
+        if player.ending(t_ns):
+            player.end(t_ns)
+        later = player.horizon_ns(t_ns)
         assert later > t_ns
-        t_ns = later
+        t_ns = min(later, t_ns + 20_000_000) // 1_000_000 * 1_000_000
     player.finish(t_ns, "enough")
     assert len(player.verdicts()) == len(data.get("steps", [])) + len(data.get("expectations", []))
 

@@ -11,7 +11,7 @@ import pytest
 
 from hev_can_emu.errors import InputError
 from hev_can_emu.messages.database import load_database
-from hev_can_emu.scenario.expression import FUNCTIONS
+from hev_can_emu.scenario.expression_compiler import FUNCTIONS
 from hev_can_emu.scenario.signals import Signals
 
 ROOT = Path(__file__).parents[2]
