@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from hev_can_emu.scenario.monitor import Block, Frames, Head, Monitor
@@ -30,8 +32,9 @@ class Period(Monitor):
         self._count = 0
         self._sum_ns = 0
         self._shortest = self._longest = 0
-        self._bad: tuple[int, int] | None = None  #: when, which interval
+        self._bad: tuple[int, str] | None = None  #: when, what
         self._worst_ns = 0
+        self._silent = False
 
     def hear(self, frames: Frames) -> None:
         """Measure the intervals."""
@@ -56,7 +59,8 @@ class Period(Monitor):
         late = np.flatnonzero(away > self._jitter_ns)
         if late.size and self._bad is None:
             place = int(late[0])
-            self._bad = int(times[len(times) - len(gaps) + place]), int(gaps[place])
+            at = int(times[len(times) - len(gaps) + place])
+            self._bad = at, f"an interval of {gaps[place] * 1e-6:.6g} ms"
             gaps, away = gaps[: place + 1], away[: place + 1]
         low, high = int(gaps.min()), int(gaps.max())
         self._shortest = min(self._shortest, low) if self._count else low
@@ -69,21 +73,21 @@ class Period(Monitor):
         """Note that nothing came for longer than the period allows."""
         longest = self._period_ns + self._jitter_ns
         if t_ns - since_ns > longest and self._bad is None:
-            self._bad = since_ns + longest, t_ns - since_ns
-            self._worst_ns = max(self._worst_ns, t_ns - since_ns - self._period_ns)
+            # How long it lasts is not known: there is no margin.
+            self._bad = since_ns + longest, f"no frame for more than {longest * 1e-6:.6g} ms"
+            self._silent = True
 
     def watch(self, block: Block) -> None:
         """Fail where an interval was wrong, or where none has ended for too long."""
         now = int(block.t_ns[-1])
         since = self.open_ns if self._last_ns is None else self._last_ns
         self._check_silence(min(now, self.close_ns), since)
-        self.margin = (self._jitter_ns - self._worst_ns) * 1e-9
+        if not self._silent:
+            self.margin = (self._jitter_ns - self._worst_ns) * 1e-9
         if self._bad is not None:
-            at, gap = self._bad
-            what = f"an interval of {gap * 1e-6:.6g} ms" if self._last_ns else "no frame"
-            self._decide(Outcome.FAIL, at, what)
+            self._decide(Outcome.FAIL, *self._bad)
         elif block.last and self._count == 0:
-            self.margin = float("inf")
+            self.margin = math.inf
             self._decide(Outcome.INCONCLUSIVE, now, "fewer than two frames in the window")
         elif block.last:
             mean = self._sum_ns / self._count * 1e-6

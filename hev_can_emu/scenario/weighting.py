@@ -50,12 +50,8 @@ def _sections(name: str) -> list[tuple[tuple[float, float, float], tuple[float, 
     ]
     if math.isfinite(corners.f5):
         w5, w6 = 2.0 * math.pi * corners.f5, 2.0 * math.pi * corners.f6
-        gain = (w5 / w6) ** 2
         found.append(
-            (
-                (gain, gain * w5 / corners.q5, gain * w5 * w5),
-                (1.0, w6 / corners.q6, w6 * w6),
-            )
+            ((1.0, w5 / corners.q5, w5 * w5), (1.0, w6 / corners.q6, w6 * w6)),
         )
     return found
 
