@@ -140,6 +140,17 @@ def _turn_ring(
 
 
 @kernel
+def _chamfer_press(
+    p: Array, s: float, v: float, way: float, push: float, stiffness: float
+) -> float:
+    """Return what chamfers press with that take the sleeve along a way in one step, N."""
+    dt = p[P_DT]
+    dry = _friction(p, s, way >= 0.0, push, 0.0)
+    rest = push - 0.5 * stiffness * way - mean_pull(p, s, way) + (dry if way < 0.0 else -dry)
+    return float(rest - p[P_DAMPING] * way / dt - p[P_MASS] * (way / dt - v) / dt)
+
+
+@kernel
 def _with_chamfers(
     p: Array, x: Array, side: float, limit: float, push: float, stiffness: float, out: Array
 ) -> float:
@@ -148,16 +159,13 @@ def _with_chamfers(
     Their speed is that of the way; the change to it is a plastic blow.
     """
     s, v = side * x[X_POSITION], side * x[X_VELOCITY]
-    dt, m = p[P_DT], p[P_MASS]
+    m = p[P_MASS]
     way = limit - s
-    new = way / dt
-    mean = push - 0.5 * stiffness * way
-    pull = mean_pull(p, s, way)
-    dry = _friction(p, s, way >= 0.0, push, 0.0)
-    press = mean - pull - (-dry if way < 0.0 else dry) - p[P_DAMPING] * new - m * (new - v) / dt
-    out[OUT_WORK] += mean * way
+    new = way / p[P_DT]
+    press = _chamfer_press(p, s, v, way, push, stiffness)
+    out[OUT_WORK] += (push - 0.5 * stiffness * way) * way
     out[OUT_ELASTIC] += elastic_change(p, s, limit)
-    out[OUT_FRICTION_LOSS] += dry * abs(way)
+    out[OUT_FRICTION_LOSS] += _friction(p, s, way >= 0.0, push, 0.0) * abs(way)
     out[OUT_DAMPING_LOSS] += p[P_DAMPING] * new * way
     out[OUT_KINETIC] += 0.5 * m * (new * new - v * v)
     out[OUT_STOP_LOSS] += 0.5 * m * (new - v) * (new - v)
@@ -383,10 +391,14 @@ def sleeve_step(
             limit = p[P_TIP] if fast and s <= p[P_TIP] else chamfer_limit(p, place)
             dogs_meet = limit < p[P_END]
     pressed = False
-    if dogs_meet and (x[X_PRESS] > 0.0 or limit < s):
-        dry = _friction(p, s, True, push, 0.0)
-        way = way_in_time(p, s, side * x[X_VELOCITY], push - dry, stiffness, p[P_DT])
-        pressed = s + way >= limit
+    if dogs_meet:
+        v = side * x[X_VELOCITY]
+        if x[X_PRESS] > 0.0:
+            pressed = _chamfer_press(p, s, v, limit - s, push, stiffness) >= 0.0
+        elif limit < s:
+            dry = _friction(p, s, v >= 0.0, push, 0.0)
+            drive = push - (dry if v >= 0.0 else -dry)
+            pressed = s + way_in_time(p, s, v, drive, stiffness, p[P_DT]) >= limit
     if pressed:
         given = _with_chamfers(p, x, side, limit, push, stiffness, out)
         if fast and limit <= s:

@@ -255,6 +255,14 @@ def test_the_lag_of_the_chamfers_falls_with_the_step():
     assert lags[1] < 0.05 * abs(box.sums[s.OUT_TOOTH_WORK])
 
 
+@pytest.mark.parametrize("inertia", [6e-5, 3e-4, 0.07])
+def test_contact_with_the_chamfers_lasts_on_light_and_on_heavy_parts(inertia):
+    box = Box(1, 5.0, inertia=inertia, load=-0.01, place=0.05).run(800.0, 0.2, until=s.STOP)
+    assert box.zones == [*WAY, s.TOOTH_ON_TOOTH, *INSIDE]
+    assert abs(box.sums[s.OUT_TOOTH_LAG]) < 0.05 * abs(box.sums[s.OUT_TOOTH_WORK])
+    closed(box)
+
+
 def test_left_is_the_mirror_of_right():
     alike = changed(cones_g2=2.0)
     right = Box(1, 15.0, place=0.02, load=1.0, parameters=alike)
