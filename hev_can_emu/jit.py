@@ -139,6 +139,31 @@ def inner_kernel(function: F) -> F:
     return _compile(function, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
+if JIT_DISABLED:
+
+    def borrowed(array: Any) -> Any:
+        """Return ``array`` as one that its user does not own."""
+        return array
+
+else:
+
+    @numba.extending.intrinsic
+    def borrowed(typing_context: Any, array: Any) -> Any:
+        """Return ``array`` as one that its user does not own, so that handing it on counts nothing.
+
+        Counting references costs an atomic addition each time that an array is handed to a kernel.
+        Whoever borrows must not outlive the owner.
+        """
+
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            view = numba.np.arrayobj.make_array(signature.args[0])(context, builder, arguments[0])
+            view.meminfo = numba.core.cgutils.get_null_value(view.meminfo.type)
+            view.parent = numba.core.cgutils.get_null_value(view.parent.type)
+            return view._getvalue()
+
+        return array(array), generate
+
+
 def _compile(function: F, **options: Any) -> F:
     if JIT_DISABLED:
         return function

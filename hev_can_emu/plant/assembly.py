@@ -13,6 +13,7 @@ from hev_can_emu.plant.machines import Machines
 from hev_can_emu.plant.powertrain import Plant
 from hev_can_emu.plant.reduction import reduced
 from hev_can_emu.plant.structure import Structure, full_order
+from hev_can_emu.plant.teeth import N_LOCKS
 from hev_can_emu.plant.vehicle import DrivelineParameters
 
 MODELS = ("4dof", "16dof")
@@ -84,7 +85,7 @@ def start_state(
     """Return the float64 state, the int64 state and the truth at the start."""
     x = np.zeros(powertrain.state_size(plant.bank))
     n = np.zeros(driveline.N_INTEGERS, dtype=np.int64)
-    n[driveline.SIGN : driveline.SIGN + driveline.N_LOCKS] = 1
+    n[driveline.SIGN : driveline.SIGN + N_LOCKS] = 1
     x[powertrain.X_BATTERY + battery.X_SOC] = start.state_of_charge
     x[powertrain.X_BATTERY + battery.X_TEMPERATURE] = start.temperature
     for offset in (powertrain.X_THERMAL1, powertrain.X_THERMAL2):
@@ -103,5 +104,5 @@ def start_state(
     y[powertrain.Y_LINK_VOLTAGE] = x[powertrain.X_CONTACTORS + contactors.X_LINK_VOLTAGE]
     y[powertrain.Y_CONTACTOR_PHASE] = x[powertrain.X_CONTACTORS + contactors.X_PHASE]
     y[powertrain.Y_AMBIENT] = start.temperature
-    powertrain.observe(plant, x, n, np.zeros(driveline.N_PORTS + len(plant.bank.locks)), y)
+    powertrain.observe(plant, x, n, np.zeros(len(plant.bank.speed_at)), y)
     return x, n, y

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from hev_can_emu.jit import kernel
+from hev_can_emu.jit import borrowed, kernel
 from hev_can_emu.plant.linear import held_speeds, state_space
 from hev_can_emu.plant.structure import (
     LOCKS,
@@ -27,6 +27,7 @@ from hev_can_emu.plant.structure import (
 )
 
 Array = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
 
 TAYLOR_TERMS = 14
 TAYLOR_REACH = 0.1  # largest |eigenvalue| * step at which the series is used
@@ -49,8 +50,8 @@ class Bank(NamedTuple):
         remap: shape (6, 6, q, q), twists when the driving configuration changes.
         stiffness: shape (6, q, q), elastic energy is ``q' K q / 2``.
         inertia: shape (n,).
-        locks: shape (m, n), slip rows.
-        ports: shape (p, n), speed rows.
+        speed_at, speed_by: shape (p+m, k): places and factors that give the speed at each port and the
+            slip at each lock from the speeds (padded with zero factors).
     """
 
     period: float
@@ -62,8 +63,26 @@ class Bank(NamedTuple):
     remap: Array
     stiffness: Array
     inertia: Array
-    locks: Array
-    ports: Array
+    speed_at: Integers
+    speed_by: Array
+
+
+@kernel
+def borrow_bank(bank: Bank) -> Bank:
+    """Return ``bank`` with its arrays borrowed (:func:`hev_can_emu.jit.borrowed`)."""
+    return Bank(
+        bank.period,
+        bank.levels,
+        borrowed(bank.flow),
+        borrowed(bank.held_torque),
+        borrowed(bank.body_rate),
+        borrowed(bank.project),
+        borrowed(bank.remap),
+        borrowed(bank.stiffness),
+        borrowed(bank.inertia),
+        borrowed(bank.speed_at),
+        borrowed(bank.speed_by),
+    )
 
 
 @kernel
@@ -201,6 +220,7 @@ def build_bank(
                 # A held lock's own friction input is the result, not a cause.
                 held_torque[row][:, [nx + ports + lock for lock in held]] = 0.0
     basis = structure.basis
+    places, factors = sparse_rows(np.vstack([structure.ports, structure.locks]))
     return Bank(
         period=period,
         levels=levels,
@@ -211,9 +231,21 @@ def build_bank(
         remap=np.ascontiguousarray(structure.twist_remap),
         stiffness=np.ascontiguousarray(basis.T @ structure.stiffness @ basis),
         inertia=structure.inertia.copy(),
-        locks=structure.locks.copy(),
-        ports=structure.ports.copy(),
+        speed_at=places,
+        speed_by=factors,
     )
+
+
+def sparse_rows(rows: Array) -> tuple[Integers, Array]:
+    """Return places and factors of what is not zero in each row, padded to one length."""
+    width = max(int(np.count_nonzero(rows, axis=1).max()), 1)
+    places = np.zeros((len(rows), width), dtype=np.int64)
+    factors = np.zeros((len(rows), width))
+    for index, row in enumerate(rows):
+        found = np.flatnonzero(row)
+        places[index, : len(found)] = found
+        factors[index, : len(found)] = row[found]
+    return places, factors
 
 
 def without_branches(structure: Structure, branches: Sequence[int]) -> Structure:

@@ -29,7 +29,20 @@ from hev_can_emu.plant import (
     torque_source,
 )
 from hev_can_emu.plant.bank import Bank
-from hev_can_emu.plant.structure import BODY, C1, EM1, EM2, ENGINE, G1, G2, LEFT, RIGHT, ROAD
+from hev_can_emu.plant.motion import row_speed
+from hev_can_emu.plant.structure import (
+    BODY,
+    C1,
+    EM1,
+    EM2,
+    ENGINE,
+    G1,
+    G2,
+    LEFT,
+    N_PORTS,
+    RIGHT,
+    ROAD,
+)
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -112,7 +125,8 @@ CAR_TYRE_RADIUS = 0
 CAR_SHORT_TORQUE1, CAR_SHORT_SPEED1, CAR_SHORT_TORQUE2, CAR_SHORT_SPEED2 = 1, 2, 3, 4
 
 PERIOD = 1e-3  #: control period, s
-WORK = 128  #: values of scratch that a step needs
+PERIOD_NS = 1_000_000
+WORK = 256  #: values of scratch that a step needs
 
 
 class Plant(NamedTuple):
@@ -214,6 +228,7 @@ def plant_step(
         Number of event records taken on return.
     """
     bank = plant.bank
+    at, by = bank.speed_at, bank.speed_by
     drive = x[X_DRIVELINE:]
     ambient = u[U_AMBIENT] if not math.isnan(u[U_AMBIENT]) else 293.15
     grade = u[U_GRADE] if not math.isnan(u[U_GRADE]) else 0.0
@@ -355,11 +370,11 @@ def plant_step(
     sync_out = work[48 : 48 + synchronizer.N_OUT]
     synchronizer.synchronizer_step(
         plant.synchronizer, x[X_SYNC : X_SYNC + synchronizer.N_STATE], gear_request, force_request,
-        driveline.row_speed(bank.locks, drive, G1), driveline.row_speed(bank.locks, drive, G2),
+        row_speed(at, by, drive, N_PORTS + G1), row_speed(at, by, drive, N_PORTS + G2),
         float(n[driveline.HELD + G1]), float(n[driveline.HELD + G2]), y[Y_SYNC_TORQUE], sync_out,
     )  # fmt: skip
 
-    locks = bank.locks.shape[0]
+    locks = bank.speed_at.shape[0] - N_PORTS
     kinetic = work[96 : 96 + locks]
     static = work[104 : 104 + locks]
     kinetic[C1] = capacity
@@ -375,12 +390,12 @@ def plant_step(
     rolling = road_out[road.OUT_ROLLING_CAPACITY]
     kinetic[BODY] = static[BODY] = rolling + brake_out[brakes.OUT_RL] + brake_out[brakes.OUT_RR]
 
-    forces = work[112 : 112 + driveline.N_PORTS + locks]
+    forces = work[112 : 112 + N_PORTS + locks]
     forces[ENGINE], forces[EM1], forces[EM2] = engine_torque, torque1, torque2
     forces[ROAD] = road_out[road.OUT_BODY_TORQUE]
     n_events = driveline.step(
-        bank, drive, n, forces, kinetic, static, x[X_LOST : X_LOST + 1], t_ns,
-        round(PERIOD * 1e9), events, n_events,
+        bank, drive, n, forces, kinetic, static, x[X_LOST : X_LOST + 1], work[128:], t_ns,
+        PERIOD_NS, events, n_events,
     )  # fmt: skip
 
     # Battery and temperatures, with the power that the machines took.
@@ -464,24 +479,25 @@ def _gear_lock(lock: int, cone: float, dog: float, kinetic: Array, static: Array
 def observe(plant: Plant, x: Array, n: Integers, forces: Array, y: Array) -> None:
     """Write into ``y`` what follows from the state: speeds, slips, held torques, temperatures."""
     bank = plant.bank
+    at, by = bank.speed_at, bank.speed_by
     drive = x[X_DRIVELINE:]
     radius = plant.car[CAR_TYRE_RADIUS]
-    y[Y_ENGINE_SPEED] = driveline.row_speed(bank.ports, drive, ENGINE)
-    y[Y_EM1_SPEED] = driveline.row_speed(bank.ports, drive, EM1)
-    y[Y_EM2_SPEED] = driveline.row_speed(bank.ports, drive, EM2)
-    y[Y_WHEEL_LEFT_SPEED] = driveline.row_speed(bank.locks, drive, LEFT)
-    y[Y_WHEEL_RIGHT_SPEED] = driveline.row_speed(bank.locks, drive, RIGHT)
-    y[Y_BODY_SPEED] = driveline.row_speed(bank.ports, drive, ROAD)
+    y[Y_ENGINE_SPEED] = row_speed(at, by, drive, ENGINE)
+    y[Y_EM1_SPEED] = row_speed(at, by, drive, EM1)
+    y[Y_EM2_SPEED] = row_speed(at, by, drive, EM2)
+    y[Y_WHEEL_LEFT_SPEED] = row_speed(at, by, drive, N_PORTS + LEFT)
+    y[Y_WHEEL_RIGHT_SPEED] = row_speed(at, by, drive, N_PORTS + RIGHT)
+    y[Y_BODY_SPEED] = row_speed(at, by, drive, ROAD)
     y[Y_VEHICLE_SPEED] = y[Y_BODY_SPEED] * radius
     y[Y_ACCELERATION] = radius * driveline.body_acceleration(bank, drive, n, forces)
     y[Y_ACCELEROMETER] = road.accelerometer(y[Y_ACCELERATION], y[Y_GRADE])
     y[Y_CLUTCH_TORQUE] = -driveline.friction_torque(bank, drive, n, forces, C1)
-    y[Y_CLUTCH_SLIP] = driveline.row_speed(bank.locks, drive, C1)
+    y[Y_CLUTCH_SLIP] = row_speed(at, by, drive, N_PORTS + C1)
     y[Y_CLUTCH_HELD] = n[driveline.HELD + C1]
     target = x[X_SYNC + synchronizer.X_TARGET]
     sync = G2 if target == 2.0 else G1
     y[Y_SYNC_TORQUE] = -driveline.friction_torque(bank, drive, n, forces, sync)
-    y[Y_SYNC_SLIP] = driveline.row_speed(bank.locks, drive, sync) if target != 0.0 else 0.0
+    y[Y_SYNC_SLIP] = row_speed(at, by, drive, N_PORTS + sync) if target != 0.0 else 0.0
     y[Y_SYNC_PHASE] = x[X_SYNC + synchronizer.X_PHASE]
     y[Y_SLEEVE_POSITION] = x[X_SYNC + synchronizer.X_POSITION]
     y[Y_SHIFT_FORCE] = x[X_SYNC + synchronizer.X_FORCE]

@@ -18,9 +18,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from hev_can_emu.jit import kernel
-from hev_can_emu.plant.bank import Bank, propagators, without_branches
+from hev_can_emu.jit import borrowed, kernel
+from hev_can_emu.plant.bank import Bank, propagators, sparse_rows, without_branches
 from hev_can_emu.plant.linear import state_space
+from hev_can_emu.plant.motion import combine, row_speed
 from hev_can_emu.plant.structure import (
     ALL_LOCKS,
     LOCKS,
@@ -41,15 +42,17 @@ ANGLE = 1  # of the crank, rad, 0 to one turn
 THROTTLE = 2  # opening, 1: counts only for a crank that says so
 GAP = 3  # sleeve against G1 and G2 within the dogs' play, rad
 HALF = 5  # half that play while the dogs are in, else 0
-TRAVEL = 7  # of ports, then locks, in the step now over, rad
+PAIR = 7  # torque of the dogs' chamfers between sleeve and G1, G2, N m
+TRAVEL = 9  # of ports, then locks, in the step now over, rad
 CRANK_WORK = TRAVEL + N_PORTS + N_LOCKS  # of the pistons' inertial torque on the crank, J
 LOST_DOGS, LOST_MESH = CRANK_WORK + 1, CRANK_WORK + 2  # J
-FRICTION = CRANK_WORK + 3  # heat of each lock's slide, J
+PAIR_WORK = CRANK_WORK + 3  # of the chamfers' torques together, J
+FRICTION = CRANK_WORK + 4  # heat of each lock's slide, J
 DAMPERS = FRICTION + N_LOCKS  # heat of each branch's damper, J; only where asked for
 N_BOOKS = DAMPERS + 17
 
 _NODES = (0.25, 0.5, 0.75)
-_END_WEIGHT, _NODE_WEIGHTS = 7.0 / 90.0, (32.0 / 90.0, 12.0 / 90.0, 32.0 / 90.0)  # Boole's rule
+_END_WEIGHT, _OUTER_WEIGHT, _MIDDLE_WEIGHT = 7.0 / 90.0, 32.0 / 90.0, 12.0 / 90.0  # Boole's rule
 
 
 class Extras(NamedTuple):
@@ -60,10 +63,12 @@ class Extras(NamedTuple):
         mesh: shape (k,), index of each mesh's twist.
         mesh_half: shape (k,), half its play, m.
         mesh_stiffness, mesh_damping: shape (k,), N/m and N s/m.
-        branches: shape (nb, n), rows that give each branch's rate of deflection from the speeds.
+        branch_at, branch_by: shape (nb, k): places and factors that give each branch's rate of
+            deflection from the speeds.
         damping: shape (nb,).
         nodes: shape (r, levels+1, nx+nu, 3*nb): rates at quarter, half and three quarters of a
             step, or empty: then dampers are not booked.
+        first_twist: place of the first twist among the states; twist i is branch i's.
         base: number of configurations that the meshes do not tell apart.
     """
 
@@ -72,9 +77,11 @@ class Extras(NamedTuple):
     mesh_half: Array
     mesh_stiffness: Array
     mesh_damping: Array
-    branches: Array
+    branch_at: Integers
+    branch_by: Array
     damping: Array
     nodes: Array
+    first_twist: int
     base: int
 
 
@@ -91,16 +98,18 @@ def build_extras(
     """
     mesh = parting(structure, clearance or {})
     half = [0.5 * (clearance or {})[structure.branch_names[branch]] for branch in mesh]
-    branches = np.ascontiguousarray(structure.incidence)
+    places, factors = sparse_rows(structure.incidence)
     return Extras(
         crank=crank,
         mesh=np.array(mesh, dtype=np.int64),
         mesh_half=np.array(half, dtype=np.float64),
         mesh_stiffness=np.array([structure.stiffness[0, b, b] for b in mesh], dtype=np.float64),
         mesh_damping=np.array([structure.damping[0, b, b] for b in mesh], dtype=np.float64),
-        branches=branches,
+        branch_at=places,
+        branch_by=factors,
         damping=np.diagonal(structure.damping[0]).copy(),
         nodes=_node_rows(structure, bank, mesh) if damper_work else np.zeros((0, 0, 0, 0)),
+        first_twist=structure.n,
         base=len(bank.flow) >> len(mesh),
     )
 
@@ -136,6 +145,24 @@ def _node_rows(structure: Structure, bank: Bank, mesh: list[int]) -> Array:
 
 
 @kernel
+def borrow_extras(extras: Extras) -> Extras:
+    """Return ``extras`` with its arrays borrowed (:func:`hev_can_emu.jit.borrowed`)."""
+    return Extras(
+        borrowed(extras.crank),
+        borrowed(extras.mesh),
+        borrowed(extras.mesh_half),
+        borrowed(extras.mesh_stiffness),
+        borrowed(extras.mesh_damping),
+        borrowed(extras.branch_at),
+        borrowed(extras.branch_by),
+        borrowed(extras.damping),
+        borrowed(extras.nodes),
+        extras.first_twist,
+        extras.base,
+    )
+
+
+@kernel
 def mesh_row(extras: Extras, contact: Integers) -> int:
     """Return what the parted meshes add to the index of the configuration; ``contact`` 0 is parted."""
     row = 0
@@ -146,23 +173,12 @@ def mesh_row(extras: Extras, contact: Integers) -> int:
 
 
 @kernel
-def rate(branches: Array, x: Array, branch: int) -> float:
-    """Return a branch's rate of deflection."""
-    total = 0.0
-    for i in range(branches.shape[1]):
-        if branches[branch, i] != 0.0:
-            total += branches[branch, i] * x[i]
-    return total
-
-
-@kernel
 def mesh_force(extras: Extras, x: Array, i: int) -> float:
     """Return what mesh ``i`` would carry at its flank, N."""
-    n = extras.branches.shape[1]
     branch = extras.mesh[i]
+    rate = row_speed(extras.branch_at, extras.branch_by, x, branch)
     return float(
-        extras.mesh_stiffness[i] * x[n + branch]
-        + extras.mesh_damping[i] * rate(extras.branches, x, branch)
+        extras.mesh_stiffness[i] * x[extras.first_twist + branch] + extras.mesh_damping[i] * rate
     )
 
 
@@ -171,10 +187,10 @@ def mesh_changes(extras: Extras, x: Array, contact: int, i: int) -> int:
     """Return the contact of mesh ``i`` after this instant: 0 parted, else the side that touches."""
     if contact != 0:
         return contact if mesh_force(extras, x, i) * contact >= 0.0 else 0
-    twist = x[extras.branches.shape[1] + extras.mesh[i]]
+    twist = x[extras.first_twist + extras.mesh[i]]
     half = extras.mesh_half[i]
     if abs(twist) > half:
-        moving = rate(extras.branches, x, extras.mesh[i])
+        moving = row_speed(extras.branch_at, extras.branch_by, x, extras.mesh[i])
         if twist > 0.0 and moving > 0.0:
             return 1
         if twist < 0.0 and moving < 0.0:
@@ -184,58 +200,36 @@ def mesh_changes(extras: Extras, x: Array, contact: int, i: int) -> int:
 
 @kernel
 def book_dampers(
-    extras: Extras,
+    nodes: Array,
+    at: Integers,
+    by: Array,
+    damping: Array,
     row: int,
     level: int,
     length: float,
     x: Array,
     u: Array,
     after: Array,
+    rates: Array,
     books: Array,
 ) -> None:
     """Add each damper's heat over an accepted step: Boole's rule over the exact rates at five nodes.
 
     Args:
-        extras: constants.
+        nodes, damping: of :class:`Extras`.
+        at, by: its ``branch_at`` and ``branch_by``.
         row, level: configuration and step of the ladder.
         length: of that step, s.
         x, u: state at its beginning and inputs.
         after: state at its end.
+        rates: scratch, shape (3*nb,).
         books: changed in place.
     """
-    nb = extras.damping.shape[0]
-    nodes = extras.nodes
-    count = nodes.shape[3]
-    rates = np.zeros(count)
-    nx = extras.branches.shape[1] + nb
-    j = 0
-    while j < nx + u.shape[0]:
-        factor = x[j] if j < nx else u[j - nx]
-        if factor != 0.0:
-            for i in range(count):
-                rates[i] += nodes[row, level, j, i] * factor
-        j += 1
+    nb = damping.shape[0]
+    combine(nodes, row, level, x, u, rates)
     for branch in range(nb):
-        if extras.damping[branch] == 0.0:
-            continue
-        first, last = rate(extras.branches, x, branch), rate(extras.branches, after, branch)
+        first, last = row_speed(at, by, x, branch), row_speed(at, by, after, branch)
+        a, b, c = rates[branch], rates[nb + branch], rates[2 * nb + branch]
         total = _END_WEIGHT * (first * first + last * last)
-        for node in range(3):
-            value = rates[node * nb + branch]
-            total += _NODE_WEIGHTS[node] * value * value
-        books[DAMPERS + branch] += extras.damping[branch] * total * length
-
-
-@kernel
-def elastic_energy(extras: Extras, stiffness: Array, x: Array, contact: Integers) -> float:
-    """Return the energy in the branches, J; ``stiffness`` (q, q) is diagonal, parted meshes hold none."""
-    n = extras.branches.shape[1]
-    total = 0.0
-    for branch in range(stiffness.shape[0]):
-        carries = True
-        for i in range(extras.mesh.shape[0]):
-            if extras.mesh[i] == branch and contact[i] == 0:
-                carries = False
-        if carries:
-            total += 0.5 * stiffness[branch, branch] * x[n + branch] * x[n + branch]
-    return total
+        total += _OUTER_WEIGHT * (a * a + c * c) + _MIDDLE_WEIGHT * b * b
+        books[DAMPERS + branch] += damping[branch] * total * length

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hev_can_emu.plant.bank import Bank, build_bank
-from hev_can_emu.plant.driveline import N_INTEGERS
+from hev_can_emu.plant.driveline import N_INTEGERS, TRIAL
 from hev_can_emu.plant.events import EVENT
 from hev_can_emu.plant.structure import Structure
 
@@ -66,6 +66,7 @@ class Bench:
         self.kinetic = np.zeros(6)
         self.static = np.zeros(6)
         self.lost = np.zeros(1)
+        self.trial = np.zeros(TRIAL)
         self.period_ns = round(period * 1e9)
         self.t_ns = 0
         self.record = np.zeros(256, dtype=EVENT)
@@ -76,7 +77,7 @@ class Bench:
 
         self.n_events = step(
             self.bank, self.x, self.state, self.u, self.kinetic, self.static, self.lost,
-            self.t_ns, self.period_ns, self.record, self.n_events,
+            self.trial, self.t_ns, self.period_ns, self.record, self.n_events,
         )  # fmt: skip
         self.t_ns += self.period_ns
 

@@ -99,12 +99,12 @@ def test_a_kick_rings_at_the_first_mode(car: tuple[Structure, Bank], name: str) 
     shape = structure.lock_map(configuration) @ found.shapes[:, 0]
     x[structure.n :] = structure.incidence[list(structure.independent)] @ shape
     u, static = np.zeros(10), np.full(6, np.inf)
-    kinetic, lost = np.zeros(6), np.zeros(1)
+    kinetic, lost, trial = np.zeros(6), np.zeros(1), np.zeros(driveline.TRIAL)
     events = np.zeros(4, dtype=EVENT)
     trace = []
     watched = int(np.abs(x[structure.n :]).argmax())
     for k in range(2000):
-        driveline.step(bank, x, state, u, kinetic, static, lost, k * 10**6, 10**6, events, 0)
+        driveline.step(bank, x, state, u, kinetic, static, lost, trial, k * 10**6, 10**6, events, 0)
         trace.append(x[structure.n + watched])
     # The higher modes, which die out sooner, are part of the first crossings.
     crossings = np.flatnonzero(np.diff(np.signbit(trace)))

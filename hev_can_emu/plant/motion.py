@@ -1,0 +1,82 @@
+"""Linear motion between events: propagation, slips, and the torque that a held lock carries.
+
+On the hot path.  These kernels take arrays, not the bank: handing a tuple of arrays on costs more
+than the sums.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from hev_can_emu.jit import kernel
+
+Array = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
+
+
+@kernel
+def row_speed(at: Integers, by: Array, x: Array, row: int) -> float:
+    """Return the slip at a lock, or the speed at a port, rad/s.
+
+    ``at`` and ``by``, shape (rows, k), are the places and factors of the row's entries that are not zero.
+    """
+    total = 0.0
+    for i in range(at.shape[1]):
+        total += by[row, i] * x[at[row, i]]
+    return total
+
+
+@kernel
+def held_torque(rows: Array, x: Array, u: Array, row: int, lock: int) -> float:
+    """Return the friction torque that a held lock carries, N m (on its first side).
+
+    ``rows`` is the bank's ``held_torque``.
+    """
+    nx = rows.shape[2] - u.shape[0]
+    # Four sums side by side: one alone would wait for each addition.
+    a = b = c = d = 0.0
+    j = 0
+    while j + 3 < nx:
+        a += rows[row, lock, j] * x[j]
+        b += rows[row, lock, j + 1] * x[j + 1]
+        c += rows[row, lock, j + 2] * x[j + 2]
+        d += rows[row, lock, j + 3] * x[j + 3]
+        j += 4
+    while j < nx:
+        a += rows[row, lock, j] * x[j]
+        j += 1
+    for k in range(u.shape[0]):
+        b += rows[row, lock, nx + k] * u[k]
+    return (a + b) + (c + d)
+
+
+@kernel
+def combine(columns: Array, row: int, level: int, x: Array, u: Array, out: Array) -> None:
+    """``out = M [x; u]`` with M stored by columns in ``columns[row, level]``.
+
+    ``out`` has as many values as a column; of ``x`` as many are read as belong to it.
+    """
+    count = columns.shape[3]
+    nx = columns.shape[2] - u.shape[0]
+    for i in range(count):
+        out[i] = 0.0
+    # Four columns at a time: the sums are loaded and stored a quarter as often.
+    j = 0
+    while j + 3 < nx:
+        x0, x1, x2, x3 = x[j], x[j + 1], x[j + 2], x[j + 3]
+        for i in range(count):
+            out[i] += (columns[row, level, j, i] * x0 + columns[row, level, j + 1, i] * x1) + (
+                columns[row, level, j + 2, i] * x2 + columns[row, level, j + 3, i] * x3
+            )
+        j += 4
+    while j < nx:
+        factor = x[j]
+        for i in range(count):
+            out[i] += columns[row, level, j, i] * factor
+        j += 1
+    for k in range(u.shape[0]):
+        factor = u[k]
+        if factor != 0.0:
+            for i in range(count):
+                out[i] += columns[row, level, nx + k, i] * factor
