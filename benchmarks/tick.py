@@ -41,7 +41,7 @@ class Peers:
 
     def __init__(self) -> None:
         self.database = cantools.database.load_file(str(folder("dbc") / "hev.dbc"))
-        parameters, _, _ = load_car("dai2024")
+        parameters, _, _, _ = load_car("dai2024")
         a, b = state_space(full_order(parameters), CONFIGURATIONS["electric_neutral"])
         from scipy.linalg import expm
 

@@ -156,9 +156,11 @@ else:
         """
 
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            view = numba.np.arrayobj.make_array(signature.args[0])(context, builder, arguments[0])
-            view.meminfo = numba.core.cgutils.get_null_value(view.meminfo.type)
-            view.parent = numba.core.cgutils.get_null_value(view.parent.type)
+            tools: Any = numba.core.cgutils
+            arrays: Any = numba.np.arrayobj
+            view = arrays.make_array(signature.args[0])(context, builder, arguments[0])
+            view.meminfo = tools.get_null_value(view.meminfo.type)
+            view.parent = tools.get_null_value(view.parent.type)
             return view._getvalue()
 
         return array(array), generate

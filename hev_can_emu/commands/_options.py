@@ -18,7 +18,9 @@ def add_setup_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--vehicle", metavar="FILE", help="vehicle file or shipped name (default: dai2024)"
     )
-    group.add_argument("--model", metavar="MODEL", help="plant: 4dof or 16dof (default: 16dof)")
+    group.add_argument(
+        "--model", metavar="MODEL", help="plant: 4dof, 16dof or detailed (default: 16dof)"
+    )
     group.add_argument(
         "--reduction",
         metavar="RULE",

@@ -48,14 +48,13 @@ _COPIES: tuple[tuple[int, int], ...] = (
     (ports.S_CLUTCH_CAPACITY_SETPOINT, plant.Y_CLUTCH_SETPOINT),
     (ports.S_CLUTCH_TORQUE, plant.Y_CLUTCH_TORQUE),
     (ports.S_CLUTCH_SLIP, plant.Y_CLUTCH_SLIP),
+    (ports.S_CLUTCH_TEMPERATURE, plant.Y_CLUTCH_TEMPERATURE),
     (ports.S_CLUTCH_LIMIT_REASON, plant.Y_CLUTCH_REASON),
     (ports.S_GEAR, plant.Y_GEAR),
     (ports.S_SYNCHRONIZER_STATE, plant.Y_SYNC_PHASE),
     (ports.S_SLEEVE_POSITION, plant.Y_SLEEVE_POSITION),
     (ports.S_SHIFT_FORCE, plant.Y_SHIFT_FORCE),
     (ports.S_SYNCHRONIZER_SLIP, plant.Y_SYNC_SLIP),
-    (ports.S_WHEEL_SPEED_RL, plant.Y_VEHICLE_SPEED),
-    (ports.S_WHEEL_SPEED_RR, plant.Y_VEHICLE_SPEED),
     (ports.S_VEHICLE_SPEED, plant.Y_VEHICLE_SPEED),
     (ports.S_LONGITUDINAL_ACCELERATION, plant.Y_ACCELERATION),
     (ports.S_LONGITUDINAL_ACCELERATION_SENSOR, plant.Y_ACCELEROMETER),
@@ -171,9 +170,8 @@ def statuses_from_truth(
     link = truth[plant.Y_LINK_VOLTAGE]
     statuses[ports.S_EM1_DC_CURRENT] = truth[plant.Y_EM1_POWER] / link if link > 1.0 else 0.0
     statuses[ports.S_EM2_DC_CURRENT] = truth[plant.Y_EM2_POWER] / link if link > 1.0 else 0.0
-    # No plate model at this fidelity: the plates are at the coolant's temperature.
-    statuses[ports.S_CLUTCH_TEMPERATURE] = truth[plant.Y_COOLANT_TEMPERATURE]
-
+    rear = truth[plant.Y_WHEEL_REAR_SPEED] * tyre_radius
+    statuses[ports.S_WHEEL_SPEED_RL] = statuses[ports.S_WHEEL_SPEED_RR] = rear
     connected = truth[plant.Y_CONTACTOR_PHASE] in (2.0, 3.0)
     statuses[ports.S_EM1_STATE] = _motor_state(command[plant.U_EM1_MODE], connected)
     statuses[ports.S_EM2_STATE] = _motor_state(command[plant.U_EM2_MODE], connected)

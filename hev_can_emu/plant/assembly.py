@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 import numpy.typing as npt
 
@@ -12,36 +10,23 @@ from hev_can_emu.plant.bank import Bank, build_bank
 from hev_can_emu.plant.machines import Machines
 from hev_can_emu.plant.powertrain import Plant
 from hev_can_emu.plant.reduction import reduced
+from hev_can_emu.plant.start import Start
 from hev_can_emu.plant.structure import Structure, full_order
 from hev_can_emu.plant.teeth import N_LOCKS
 from hev_can_emu.plant.vehicle import DrivelineParameters
 
-MODELS = ("4dof", "16dof")
-
-
-class Start(NamedTuple):
-    """Where a run starts: the car at rest on a level road.
-
-    Attributes:
-        state_of_charge: 0 to 1.
-        temperature: of everything, K.
-        closed: contactors closed and DC link charged.
-    """
-
-    state_of_charge: float = 0.6
-    temperature: float = 293.15
-    closed: bool = True
+MODELS = ("4dof", "16dof", "detailed")
 
 
 def driveline_structure(
     parameters: DrivelineParameters, model: str, reduction: str = "load-weighted"
 ) -> Structure:
-    """Return the structure of ``model``, one of :data:`MODELS`; raises ValueError for another."""
+    """Return the structure of ``4dof`` or ``16dof``; raises ValueError for another model."""
     if model == "16dof":
         return full_order(parameters)
     if model == "4dof":
         return reduced(parameters, reduction)
-    raise ValueError(f"model: expected one of {MODELS}, got {model!r}")
+    raise ValueError(f"model: expected 4dof or 16dof, got {model!r}")
 
 
 def build_plant(parameters: DrivelineParameters, machines: Machines, structure: Structure) -> Plant:

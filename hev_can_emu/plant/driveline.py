@@ -24,12 +24,15 @@ from hev_can_emu.plant.crank import crank_torque, wrap
 from hev_can_emu.plant.holding import (
     HELD,
     LOCKED,
+    MESH,
     N_INTEGERS,
+    PARTED,
     RELEASED,
     REVERSED,
     ROW,
     SIDE,
     SIGN,
+    TOUCHED,
     UNRESOLVED,
     overloaded,
     record,
@@ -43,8 +46,8 @@ from hev_can_emu.plant.structure import ENGINE, G1, G2, N_PORTS
 from hev_can_emu.plant.teeth import Extras
 
 __all__ = [
-    "HELD", "LOCKED", "N_INTEGERS", "RELEASED", "REVERSED", "ROW", "SIGN", "body_acceleration", "energy",
-    "friction_torque", "held_torque", "row_speed", "set_row", "step",
+    "HELD", "LOCKED", "MESH", "N_INTEGERS", "PARTED", "RELEASED", "REVERSED", "ROW", "SIGN", "TOUCHED",
+    "body_acceleration", "energy", "friction_torque", "held_torque", "row_speed", "set_row", "step",
 ]  # fmt: skip
 
 Array = npt.NDArray[np.float64]

@@ -47,9 +47,21 @@ class RearAxle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             )
 
 
-def geared(parameters: DrivelineParameters, rear: RearAxle) -> Structure:
-    """Return the detailed driveline: 19 inertias, 17 branches, 7 locks, all twists independent."""
+def geared(parameters: DrivelineParameters, rear: RearAxle | None) -> Structure:
+    """Return the detailed driveline: 19 inertias, 17 branches, 7 locks, all twists independent.
+
+    Without ``rear``: 18, 16 and 6, the rear wheels being part of the body.
+    """
     full = full_order(parameters)
+    if rear is None:
+        nb = len(full.branch_names)
+        return dataclasses.replace(
+            full,
+            model="detailed",
+            basis=np.eye(nb),
+            independent=tuple(range(nb)),
+            twist_remap=np.broadcast_to(np.eye(nb), (6, 6, nb, nb)).copy(),
+        )
     n, nb = full.n + 1, len(full.branch_names) + 1
     body = full.names.index("Jv")
     inertia = np.append(full.inertia, rear.inertia)

@@ -1,30 +1,23 @@
-"""All machines of a car as one record, and their section of the vehicle file.
-
-The file's shape is made from the records themselves: where a record holds a number or a table, the file
-holds ``{value, unit, source}``, and the unit must be of the dimension named in :data:`UNITS`.
-"""
+"""All machines of a car as one record, and their section of the vehicle file."""
 
 from __future__ import annotations
 
-import types
-import typing
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from hev_can_emu.errors import InputError
 from hev_can_emu.plant.battery import BatteryParameters
 from hev_can_emu.plant.brakes import BrakeParameters
 from hev_can_emu.plant.clutch import ClutchParameters, ShortCircuitParameters
 from hev_can_emu.plant.contactors import ContactorParameters
 from hev_can_emu.plant.engine import EngineParameters
 from hev_can_emu.plant.motor import MotorParameters
+from hev_can_emu.plant.record_file import file_type, from_file, validate
 from hev_can_emu.plant.road import RoadParameters
 from hev_can_emu.plant.speed_control import SpeedControlParameters
 from hev_can_emu.plant.synchronizer import SynchronizerParameters
 from hev_can_emu.plant.thermal import ThermalNode, ThermalParameters
 from hev_can_emu.plant.torque_source import TorqueSourceParameters
-from hev_can_emu.plant.values import Value, si_list, si_number, si_table
 
 
 class ElectricMachine(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -102,58 +95,14 @@ UNITS: dict[type, dict[str, str]] = {
 }  # fmt: skip
 
 
-def _file_type(record: type[msgspec.Struct]) -> type[msgspec.Struct]:
-    """Return the file's shape of a record: nested records stay, all else becomes a Value."""
-    fields: list[tuple[str, Any]] = []
-    for name, kind in typing.get_type_hints(record).items():
-        nested = isinstance(kind, type) and issubclass(kind, msgspec.Struct)
-        fields.append((name, _file_type(kind) if nested else Value))
-    return msgspec.defstruct(
-        record.__name__ + "File", fields, frozen=True, forbid_unknown_fields=True
-    )
-
-
 if TYPE_CHECKING:
     MachinesFile = Any
 else:
-    MachinesFile = _file_type(Machines)
+    MachinesFile = file_type(Machines)
 
 
 def machines_parameters(file: MachinesFile, where: str) -> Machines:
     """Return the machines' records in SI, checked; ``where`` is the path of the section."""
-    machines: Machines = _record(Machines, file, where)
-    for name in typing.get_type_hints(Machines):
-        _validate(getattr(machines, name), f"{where}.{name}")
+    machines: Machines = from_file(Machines, file, UNITS, where)
+    validate(machines, where)
     return machines
-
-
-def _validate(record: Any, where: str) -> None:
-    if hasattr(record, "validate"):
-        record.validate(where)
-        return
-    for name in typing.get_type_hints(type(record)):
-        _validate(getattr(record, name), f"{where}.{name}")
-
-
-def _record(record: type[msgspec.Struct], file: Any, where: str) -> Any:
-    values: dict[str, Any] = {}
-    for name, kind in typing.get_type_hints(record).items():
-        place = f"{where}.{name}"
-        given = getattr(file, name)
-        if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
-            values[name] = _record(kind, given, place)
-        else:
-            values[name] = _number(kind, given, UNITS[record][name], place)
-    return record(**values)
-
-
-def _number(kind: Any, given: Value, unit: str, where: str) -> Any:
-    """Read a float, a column or a grid, as the record's field asks for."""
-    if kind is float:
-        return si_number(given, unit, where)
-    inner = typing.get_args(kind)[0]
-    if isinstance(inner, types.GenericAlias):
-        return si_table(given, unit, where)
-    if isinstance(given.value, list) and any(isinstance(row, list) for row in given.value):
-        raise InputError(where, f"a list of numbers in {unit}", "a list of lists")
-    return si_list(given, unit, where)

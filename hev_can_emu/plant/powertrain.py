@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from hev_can_emu.jit import kernel
+from hev_can_emu.jit import borrowed, kernel
 from hev_can_emu.plant import (
     battery,
     brakes,
@@ -28,7 +28,7 @@ from hev_can_emu.plant import (
     thermal,
     torque_source,
 )
-from hev_can_emu.plant.bank import Bank
+from hev_can_emu.plant.bank import Bank, borrow_bank
 from hev_can_emu.plant.motion import row_speed
 from hev_can_emu.plant.structure import (
     BODY,
@@ -47,7 +47,8 @@ from hev_can_emu.plant.structure import (
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 
-# Commands.  The X_ ones are NaN unless an external control unit reports what its machine really does.
+# Commands.  The external ones are NaN unless an external control unit reports what its machine really
+# does; valve currents and pump are for the detailed plant, which has hydraulics.
 COMMANDS = (
     "engine_torque", "engine_run",
     "em1_mode", "em1_torque", "em1_speed", "em1_torque_min", "em1_torque_max",
@@ -56,6 +57,7 @@ COMMANDS = (
     "external_engine_torque", "external_em1_torque", "external_em2_torque",
     "external_clutch_capacity", "external_gear", "external_brake_torque",
     "external_battery_voltage", "external_discharge_power", "external_charge_power",
+    "clutch_current", "shift_current1", "shift_current2", "pump",
 )  # fmt: skip
 (
     U_ENGINE_TORQUE, U_ENGINE_RUN,
@@ -65,6 +67,7 @@ COMMANDS = (
     U_EXTERNAL_ENGINE_TORQUE, U_EXTERNAL_EM1_TORQUE, U_EXTERNAL_EM2_TORQUE,
     U_EXTERNAL_CLUTCH_CAPACITY, U_EXTERNAL_GEAR, U_EXTERNAL_BRAKE_TORQUE,
     U_EXTERNAL_BATTERY_VOLTAGE, U_EXTERNAL_DISCHARGE_POWER, U_EXTERNAL_CHARGE_POWER,
+    U_CLUTCH_CURRENT, U_SHIFT_CURRENT1, U_SHIFT_CURRENT2, U_PUMP,
 ) = range(len(COMMANDS))  # fmt: skip
 
 TRUTH = (
@@ -80,7 +83,11 @@ TRUTH = (
     "accelerometer", "brake_torque", "brake_setpoint", "brake_reason", "body_held",
     "state_of_charge", "battery_voltage", "battery_current", "battery_temperature",
     "battery_reason", "contactor_phase", "link_voltage", "discharge_limit", "charge_limit",
-    "grade", "ambient", "energy_lost", "lock_row",
+    "grade", "ambient", "energy_lost", "lock_row", "clutch_temperature", "wheel_rear_speed",
+    # Of the detailed plant only; zero otherwise.
+    "supply_pressure", "clutch_pressure", "shift_pressure1", "shift_pressure2", "fuel_flow",
+    "em1_current_d", "em1_current_q", "em2_current_d", "em2_current_q", "crank_angle",
+    "sleeve_zone", "dogs_held",
 )  # fmt: skip
 (
     Y_ENGINE_SPEED, Y_ENGINE_TORQUE, Y_ENGINE_SETPOINT, Y_ENGINE_REASON, Y_ENGINE_TORQUE_MIN,
@@ -96,7 +103,10 @@ TRUTH = (
     Y_ACCELEROMETER, Y_BRAKE_TORQUE, Y_BRAKE_SETPOINT, Y_BRAKE_REASON, Y_BODY_HELD,
     Y_STATE_OF_CHARGE, Y_BATTERY_VOLTAGE, Y_BATTERY_CURRENT, Y_BATTERY_TEMPERATURE,
     Y_BATTERY_REASON, Y_CONTACTOR_PHASE, Y_LINK_VOLTAGE, Y_DISCHARGE_LIMIT, Y_CHARGE_LIMIT,
-    Y_GRADE, Y_AMBIENT, Y_ENERGY_LOST, Y_LOCK_ROW,
+    Y_GRADE, Y_AMBIENT, Y_ENERGY_LOST, Y_LOCK_ROW, Y_CLUTCH_TEMPERATURE, Y_WHEEL_REAR_SPEED,
+    Y_SUPPLY_PRESSURE, Y_CLUTCH_PRESSURE, Y_SHIFT_PRESSURE1, Y_SHIFT_PRESSURE2, Y_FUEL_FLOW,
+    Y_EM1_CURRENT_D, Y_EM1_CURRENT_Q, Y_EM2_CURRENT_D, Y_EM2_CURRENT_Q, Y_CRANK_ANGLE,
+    Y_SLEEVE_ZONE, Y_DOGS_HELD,
 ) = range(len(TRUTH))  # fmt: skip
 
 # Control modes of a motor.
@@ -148,6 +158,29 @@ class Plant(NamedTuple):
     clutch: Array
     coolant: Array
     car: Array
+
+
+@kernel
+def borrow_plant(plant: Plant) -> Plant:
+    """Return the constants with their arrays borrowed (:func:`hev_can_emu.jit.borrowed`)."""
+    return Plant(
+        borrow_bank(plant.bank),
+        borrowed(plant.engine),
+        borrowed(plant.em1),
+        borrowed(plant.em2),
+        borrowed(plant.control1),
+        borrowed(plant.control2),
+        borrowed(plant.battery),
+        borrowed(plant.contactors),
+        borrowed(plant.thermal1),
+        borrowed(plant.thermal2),
+        borrowed(plant.brakes),
+        borrowed(plant.road),
+        borrowed(plant.synchronizer),
+        borrowed(plant.clutch),
+        borrowed(plant.coolant),
+        borrowed(plant.car),
+    )
 
 
 @kernel
@@ -514,5 +547,8 @@ def observe(plant: Plant, x: Array, n: Integers, forces: Array, y: Array) -> Non
     y[Y_EM2_WINDING_TEMPERATURE] = x[X_THERMAL2 + thermal.X_WINDING]
     y[Y_EM2_INVERTER_TEMPERATURE] = x[X_THERMAL2 + thermal.X_INVERTER]
     y[Y_COOLANT_TEMPERATURE] = x[X_COOLANT]
+    # No plates, no rear wheels at this fidelity: as warm as the coolant, as fast as the body.
+    y[Y_CLUTCH_TEMPERATURE] = x[X_COOLANT]
+    y[Y_WHEEL_REAR_SPEED] = y[Y_BODY_SPEED]
     y[Y_ENERGY_LOST] = x[X_LOST]
     y[Y_LOCK_ROW] = n[driveline.ROW]

@@ -233,3 +233,18 @@ def book_dampers(
         total = _END_WEIGHT * (first * first + last * last)
         total += _OUTER_WEIGHT * (a * a + c * c) + _MIDDLE_WEIGHT * b * b
         books[DAMPERS + branch] += damping[branch] * total * length
+
+
+@kernel
+def elastic_energy(extras: Extras, stiffness: Array, x: Array, contact: Integers) -> float:
+    """Return the energy in the branches, J; ``stiffness`` (q, q) is diagonal, parted meshes hold none."""
+    n = extras.first_twist
+    total = 0.0
+    for branch in range(stiffness.shape[0]):
+        carries = True
+        for i in range(extras.mesh.shape[0]):
+            if extras.mesh[i] == branch and contact[i] == 0:
+                carries = False
+        if carries:
+            total += 0.5 * stiffness[branch, branch] * x[n + branch] * x[n + branch]
+    return total

@@ -8,6 +8,8 @@ from typing import Literal
 import msgspec
 
 from hev_can_emu.errors import InputError
+from hev_can_emu.plant.detailed_file import DetailedFile, detailed_parameters
+from hev_can_emu.plant.detailed_parameters import DetailedParameters
 from hev_can_emu.plant.machines import Machines, MachinesFile, machines_parameters
 from hev_can_emu.plant.values import Value, si_number
 from hev_can_emu.plant.vehicle import MESHES, SHAFTS, DrivelineParameters
@@ -32,6 +34,7 @@ class VehicleFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     provenance: str
     driveline: DrivelineFile
     machines: MachinesFile | None = None
+    detailed: DetailedFile | None = None
 
 
 def driveline_parameters(file: DrivelineFile, where: str) -> DrivelineParameters:
@@ -80,3 +83,18 @@ def machine_parameters(file: VehicleFile, where: str) -> Machines:
     if file.machines is None:
         raise InputError(path, "the machines' parameters", "nothing", "a car that runs needs them")
     return machines_parameters(file.machines, path)
+
+
+def finer_parameters(file: VehicleFile, where: str) -> DetailedParameters:
+    """Return the detailed model's parameters in SI, checked; a file without them is refused."""
+    path = f"{where}: $.detailed"
+    if file.detailed is None:
+        raise InputError(
+            path, "the detailed model's parameters", "nothing", "or take --model 16dof"
+        )
+    found = detailed_parameters(file.detailed, path)
+    body = file.driveline.inertias["Jv"]
+    found.rear_axle.check_fits(si_number(body, "kg m^2", path), f"{path}.rear_axle")
+    crank_inertia = si_number(file.driveline.inertias["Je"], "kg m^2", path)
+    found.engine.crank.validate(f"{path}.engine.crank", crank_inertia)
+    return found

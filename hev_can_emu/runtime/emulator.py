@@ -9,7 +9,14 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from hev_can_emu.ecu import control, fault_table, plant_faults, ports, supervision
+from hev_can_emu.ecu import (
+    control,
+    fault_table,
+    plant_faults,
+    ports,
+    supervision,
+    transmission_unit,
+)
 from hev_can_emu.ecu.bindings import resolve
 from hev_can_emu.ecu.fault_rows import Network
 from hev_can_emu.ecu.fault_table import FaultTable
@@ -33,11 +40,13 @@ from hev_can_emu.messages.protection import build_protection
 from hev_can_emu.messages.restbus import build_restbus, reset_restbus, restbus_state_size
 from hev_can_emu.messages.transfer import receive_state_size, reset_receive
 from hev_can_emu.plant import driveline, powertrain
-from hev_can_emu.plant.assembly import Start, build_plant, driveline_structure, start_state
 from hev_can_emu.plant.events import EVENT
+from hev_can_emu.plant.ledger import Ledger
+from hev_can_emu.plant.start import Start
 from hev_can_emu.runtime import tick
+from hev_can_emu.runtime.car import Car
 from hev_can_emu.runtime.fault_book import FaultBook, InjectedFault
-from hev_can_emu.runtime.setup import PROTECTION_MODES, Setup, load_car, network_files
+from hev_can_emu.runtime.setup import PROTECTION_MODES, Setup, network_files
 from hev_can_emu.runtime.tick import TICK_NS, Constants, State, make_world, run_world
 from hev_can_emu.scenario.script import GO_ON, STOPPED, Script, no_script
 
@@ -63,7 +72,7 @@ PHASES = (
     "neutral", "travel", "synchronising", "index", "engaged",
     "disengaging", "aborted", "blocked by torque", "grating",
 )  # fmt: skip
-LOCKS = ("C1", "G1", "G2", "left brake", "right brake", "body")
+LOCKS = ("C1", "G1", "G2", "left brake", "right brake", "body", "rear brakes")
 _REQUEST_STATES = (
     "ok", "never received", "timed out", "wrong CRC", "wrong counter", "wrong length",
     "out of range", "not available",
@@ -98,15 +107,12 @@ class Emulator:
     def __init__(self, setup: Setup | None = None) -> None:
         self.setup = setup or Setup()
         self.setup.check()
-        parameters, machines, vehicle = load_car(self.setup.vehicle)
-        self.vehicle_name = vehicle.name
-        self.provenance = vehicle.provenance
+        self._car = Car(self.setup)
+        self.vehicle_name, self.provenance = self._car.name, self._car.provenance
         dbc, document, bindings = network_files(self.setup)
         self.database: Database = complete(bindings, load_database(dbc), document.where)
         ties = resolve(bindings, self.database, document.where)
         self.node_names = tuple(bindings.nodes)
-        structure = driveline_structure(parameters, self.setup.model, self.setup.reduction)
-        plant = build_plant(parameters, machines, structure)
         driver_nodes = self._nodes_with(ties, _DRIVER_PORTS)
         owners = self._owners(ties)
         self.origin = _origins(self.database, ties, owners, driver_nodes)
@@ -120,7 +126,8 @@ class Emulator:
             protection=build_protection([m.protection for m in self.database.messages]),
             restbus=build_restbus(self.database),
             ties=ties,
-            plant=plant,
+            plant=self._car.plant,
+            unit=self._car.unit,
             follows_ignition=np.array(
                 [node not in awake_always for node in range(len(self.node_names))], dtype=np.uint8
             ),
@@ -128,16 +135,21 @@ class Emulator:
             afterrun_ns=AFTERRUN_NS,
             protection_mode=PROTECTION_MODES.index(self.setup.protection),
             model=_MODELS[self.setup.model],
-            tyre_radius=parameters.tyre_radius,
-            brake_max=machines.brakes.max_torque,
-            clutch_max=machines.clutch.max_capacity,
-            force_max=machines.synchronizer.max_force,
+            tyre_radius=self._car.tyre_radius,
+            brake_max=self._car.brake_max,
+            clutch_max=self._car.clutch_max,
+            force_max=self._car.force_max,
             sensors=resolve_sensors(bindings.sensors, document.where),
         )
-        self._buffer, self.state = _allocate(self.constants, self.origin)
+        begin = Start(
+            state_of_charge=self.setup.state_of_charge, closed=self.setup.start == "ready"
+        )
+        x, n, truth = self._car.start(begin)
+        self._buffer, self.state = _allocate(self.constants, self.origin, len(x), self._car.work)
+        self.state.plant_x[:], self.state.plant_n[:], self.state.truth[:] = x, n, truth
         network = Network(self.database, self.node_names, ties.message_node.tolist(), 0)
         self._book = FaultBook(self.state.faults, network, lambda: self.now_ns)
-        self._start()
+        self._start(begin)
         self._script = no_script()
         self._world = make_world(self.constants, self.state, self._script)
         self._noted: list[Event] = []
@@ -178,13 +190,10 @@ class Emulator:
             and port in ties.tx_port[ties.tx_start[message] : ties.tx_start[message + 1]]
         }
 
-    def _start(self) -> None:
-        """Bring the state to the start: everything at rest, nothing received."""
-        state, constants, setup = self.state, self.constants, self.setup
-        ready = setup.start == "ready"
-        begin = Start(state_of_charge=setup.state_of_charge, closed=ready)
-        x, n, truth = start_state(constants.plant, begin)
-        state.plant_x[:], state.plant_n[:], state.truth[:] = x, n, truth
+    def _start(self, begin: Start) -> None:
+        """Bring the state but the plant's to the start: everything at rest, nothing received."""
+        state, constants = self.state, self.constants
+        ready = begin.closed
         state.command[:] = np.nan
         for vector in (
             state.requests, state.kept, state.effective, state.values, state.encoded, state.on_bus,
@@ -197,6 +206,7 @@ class Emulator:
         state.power[constants.follows_ignition == 0] = tick.AWAKE
         state.scalars[tick.LAST_MODE] = ports.MODE_ELECTRIC_NEUTRAL
         control.start_units(state.unit_state, ready)
+        transmission_unit.start_unit(state.transmission)
         reset_restbus(constants.restbus, state.transmit, 0)
         reset_receive(constants.codec, state.receive)
         supervision.reset_supervision(state.supervision)
@@ -318,6 +328,13 @@ class Emulator:
             raise InputError("truth", "a name of the plant's truth", f"'{name}'", hint)
         return float(self.state.truth[powertrain.TRUTH.index(name)])
 
+    def ledger(self) -> Ledger:
+        """Return the energy ledger since the start; raises InputError for a model without one."""
+        found = self._car.ledger(self.state.plant_x, self.state.plant_n)
+        if found is None:
+            raise InputError("ledger", "--model detailed, which keeps one", f"{self.setup.model}")
+        return found
+
     def inject(self, fault: Fault) -> str:
         """Inject a fault; it begins at the next tick, or ``after`` it.
 
@@ -381,6 +398,10 @@ class Emulator:
             name, text = "release", f"{LOCKS[index]} slips at {value:.1f} Nm"
         elif kind == driveline.REVERSED:
             name, text = "reverse", f"{LOCKS[index]} slips the other way"
+        elif kind in (driveline.TOUCHED, driveline.PARTED):
+            teeth = LOCKS[index] if index < len(LOCKS) else "mesh"
+            touch = kind == driveline.TOUCHED
+            name, text = "teeth", f"dogs of {teeth} {'touch' if touch else 'part'}"
         elif kind == supervision.LOST:
             name, text = "lost", f"{messages[index].name}: {_REQUEST_STATES[int(value)]}"
         elif kind == supervision.HEALED:
@@ -423,13 +444,12 @@ def _origins(
 
 
 def _allocate(
-    constants: Constants, origin: npt.NDArray[np.uint8]
+    constants: Constants, origin: npt.NDArray[np.uint8], plant_size: int, work: int
 ) -> tuple[npt.NDArray[np.uint8], State]:
     """Lay the whole state out in one buffer; return it and the views."""
     messages = len(origin)
     signals = constants.codec.signals.shape[0]
     nodes = len(constants.follows_ignition)
-    nx = constants.plant.bank.flow.shape[3]
     i8, f8, u1 = np.dtype(np.int64), np.dtype(np.float64), np.dtype(np.uint8)
     layout: dict[str, tuple[np.dtype[np.generic], tuple[int, ...]]] = {
         "scalars": (i8, (tick.N_SCALARS,)),
@@ -440,7 +460,7 @@ def _allocate(
         "seen_ns": (i8, (signals,)),
         "power": (i8, (nodes,)),
         "power_since_ns": (i8, (nodes,)),
-        "plant_x": (f8, (powertrain.X_DRIVELINE + nx,)),
+        "plant_x": (f8, (plant_size,)),
         "truth": (f8, (len(powertrain.TRUTH),)),
         "command": (f8, (len(powertrain.COMMANDS),)),
         "requests": (f8, (len(ports.REQUESTS),)),
@@ -451,10 +471,11 @@ def _allocate(
         "sensed": (f8, (len(constants.sensors.port),)),
         "health": (f8, (plant_faults.N_HEALTH,)),
         "unit_state": (f8, (control.N_STATE,)),
+        "transmission": (f8, (transmission_unit.N_STATE,)),
         "values": (f8, (signals,)),
         "encoded": (f8, (signals,)),
         "on_bus": (f8, (signals,)),
-        "work": (f8, (powertrain.WORK,)),
+        "work": (f8, (work,)),
         "origin": (u1, (messages,)),
         "muted": (u1, (messages,)),
         "enabled": (u1, (messages,)),

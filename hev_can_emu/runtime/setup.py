@@ -67,14 +67,15 @@ def _choose(where: str, value: str, known: tuple[str, ...]) -> None:
         )
 
 
-def load_car(name: str) -> tuple[DrivelineParameters, Machines, VehicleFile]:
-    """Return a car's parameters, checked; raises InputError."""
+def load_car(name: str) -> tuple[DrivelineParameters, Machines, VehicleFile, str]:
+    """Return a car's parameters, checked, with the file and its path; raises InputError."""
     path = shipped_or_path(name, folder("vehicles"), "--vehicle")
     file = config.load(path, VehicleFile)
     return (
         driveline_parameters(file.driveline, str(path)),
         machine_parameters(file, str(path)),
         file,
+        str(path),
     )
 
 

@@ -34,7 +34,8 @@ from hev_can_emu.ecu.sensors import Sensors, measure
 from hev_can_emu.ecu.supervision import REFUSED as SUP_REFUSED
 from hev_can_emu.ecu.supervision import take_message, watch
 from hev_can_emu.ecu.ties import ResolvedBindings, message_from_statuses, sent_value
-from hev_can_emu.jit import JIT_DISABLED, inner_kernel, kernel
+from hev_can_emu.ecu.transmission_unit import TransmissionUnit
+from hev_can_emu.jit import JIT_DISABLED, borrowed, inner_kernel, kernel
 from hev_can_emu.messages.codec import (
     M_COUNT,
     M_FIRST,
@@ -47,8 +48,10 @@ from hev_can_emu.messages.frame import ERROR, EXTENDED, REMOTE, SENT
 from hev_can_emu.messages.protection import Protection
 from hev_can_emu.messages.restbus import Restbus
 from hev_can_emu.messages.transfer import receive, transmit
+from hev_can_emu.plant.detailed_layout import DetailedPlant
 from hev_can_emu.plant.events import note
-from hev_can_emu.plant.powertrain import Y_SYNC_PHASE, Plant, plant_step
+from hev_can_emu.plant.powertrain import Y_SYNC_PHASE, Plant
+from hev_can_emu.runtime.fidelity import advance_plant, borrowed_plant
 from hev_can_emu.scenario.script import EVENTS as AWAITED_EVENTS
 from hev_can_emu.scenario.script import GO_ON, Script, mark_events, perform
 
@@ -72,7 +75,7 @@ MODE_CHANGED, SYNC_CHANGED, CONFLICT = 20, 21, 22  #: kinds of events
 
 
 class Constants(NamedTuple):
-    """What a run does not change: network tables and plant.
+    """What a run does not change: network tables and plant; ``unit`` is the detailed plant's TCU.
 
     ``follows_ignition``: uint8 (nodes); ``boot_ns``, ``afterrun_ns``: time from ignition on to valid
     values, and from ignition off to silence.
@@ -82,7 +85,8 @@ class Constants(NamedTuple):
     protection: Protection
     restbus: Restbus
     ties: ResolvedBindings
-    plant: Plant
+    plant: Plant | DetailedPlant
+    unit: TransmissionUnit | None
     follows_ignition: Flags
     boot_ns: int
     afterrun_ns: int
@@ -126,6 +130,7 @@ class State(NamedTuple):
     sensed: Array
     health: Array
     unit_state: Array
+    transmission: Array
     values: Array
     encoded: Array
     on_bus: Array
@@ -301,6 +306,9 @@ def run_ticks(
     frames_out, events, result = state.frames_out, state.events, state.result
     codec = constants.codec
     messages = state.origin.shape[0]
+    plant = borrowed_plant(constants.plant)
+    plant_x, plant_n, work = borrowed(state.plant_x), borrowed(state.plant_n), borrowed(state.work)
+    command, truth = borrowed(state.command), borrowed(state.truth)
     n_out: Any = np.int64(0)
     taken: Any = np.int64(0)
     n_events: Any = np.int64(0)
@@ -410,9 +418,9 @@ def run_ticks(
                 state.scalars[PENDING] = slot + 1
 
         phase = state.statuses[ports.S_SYNCHRONIZER_STATE]
-        n_events = plant_step(
-            constants.plant, state.plant_x, state.plant_n, state.command, state.truth,
-            state.work, t_ns, events, n_events,
+        n_events = advance_plant(
+            plant, constants.unit, state.transmission, plant_x, plant_n, command, truth, work,
+            t_ns, events, n_events,
         )  # fmt: skip
         if state.truth[Y_SYNC_PHASE] != phase:
             n_events = note(

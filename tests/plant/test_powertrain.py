@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from hev_can_emu.plant import powertrain
-from hev_can_emu.plant.assembly import Start, build_plant, driveline_structure, start_state
+from hev_can_emu.plant.assembly import build_plant, driveline_structure, start_state
 from hev_can_emu.plant.events import EVENT
 from hev_can_emu.plant.machines import Machines
+from hev_can_emu.plant.start import Start
 from hev_can_emu.plant.vehicle import DrivelineParameters
 
 pytestmark = pytest.mark.compiled

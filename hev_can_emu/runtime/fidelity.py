@@ -1,0 +1,92 @@
+"""The plant of whichever fidelity behind one name: which kernel runs is decided by the constants' type.
+
+Decided when the tick is compiled, so that a run carries the code of its own plant only.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from numba.extending import overload
+
+from hev_can_emu.ecu.transmission_unit import TransmissionUnit, transmission_step
+from hev_can_emu.jit import kernel
+from hev_can_emu.plant.detailed import detailed_step
+from hev_can_emu.plant.detailed_layout import DetailedPlant, borrow_detailed
+from hev_can_emu.plant.powertrain import Plant, borrow_plant, plant_step
+
+Array = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
+Events = npt.NDArray[np.void]
+
+
+@kernel
+def advance_simple(
+    plant: Plant, unit: None, transmission: Array, x: Array, n: Integers, command: Array,
+    truth: Array, work: Array, t_ns: int, events: Events, n_events: int,
+) -> int:  # fmt: skip
+    """Advance the 4-DOF or 16-DOF plant by one tick."""
+    return plant_step(plant, x, n, command, truth, work, t_ns, events, n_events)
+
+
+@kernel
+def advance_detailed(
+    plant: DetailedPlant, unit: TransmissionUnit, transmission: Array, x: Array, n: Integers,
+    command: Array, truth: Array, work: Array, t_ns: int, events: Events, n_events: int,
+) -> int:  # fmt: skip
+    """Let the TCU work its valves, then advance the detailed plant by one tick."""
+    transmission_step(unit, transmission, truth, command)
+    return detailed_step(plant, x, n, command, truth, work, t_ns, events, n_events)
+
+
+def borrowed_plant(plant: Any) -> Any:
+    """Return the plant's constants with their arrays borrowed (:func:`hev_can_emu.jit.borrowed`)."""
+    return plant
+
+
+def advance_plant(
+    plant: Any, unit: Any, transmission: Array, x: Array, n: Integers, command: Array,
+    truth: Array, work: Array, t_ns: int, events: Events, n_events: int,
+) -> int:  # fmt: skip
+    """Advance the plant by one tick; return the number of event records taken.
+
+    Args:
+        plant: constants, of either kind.
+        unit: TCU of the detailed plant, or None; ``transmission`` is its state.
+        x, n, command, truth, work, t_ns, events, n_events: as :func:`.powertrain.plant_step`.
+    """
+    chosen: Any = advance_detailed if isinstance(plant, DetailedPlant) else advance_simple
+    advanced: int = chosen(
+        plant, unit, transmission, x, n, command, truth, work, t_ns, events, n_events
+    )
+    return advanced
+
+
+@overload(borrowed_plant)
+def _borrow_compiled(plant: Any) -> Any:
+    kernel_of: Any = borrow_detailed if plant.instance_class is DetailedPlant else borrow_plant
+
+    def borrow(plant: Any) -> Any:
+        return kernel_of(plant)
+
+    return borrow
+
+
+@overload(advance_plant)
+def _advance_compiled(
+    plant: Any, unit: Any, transmission: Any, x: Any, n: Any, command: Any,
+    truth: Any, work: Any, t_ns: Any, events: Any, n_events: Any,
+) -> Any:  # fmt: skip
+    kernel_of: Any = advance_detailed if plant.instance_class is DetailedPlant else advance_simple
+
+    def advance(
+        plant: Any, unit: Any, transmission: Any, x: Any, n: Any, command: Any,
+        truth: Any, work: Any, t_ns: Any, events: Any, n_events: Any,
+    ) -> Any:  # fmt: skip
+        return kernel_of(
+            plant, unit, transmission, x, n, command, truth, work, t_ns, events, n_events
+        )
+
+    return advance
