@@ -11,6 +11,7 @@ import numpy as np
 from hev_can_emu.errors import InputError
 
 if TYPE_CHECKING:
+    from hev_can_emu.plant.ledger import Ledger
     from hev_can_emu.runtime.playing import Playing
     from hev_can_emu.runtime.signal_log import SignalLog
     from hev_can_emu.scenario.verdict import Outcome, Verdict
@@ -35,10 +36,16 @@ _READABLE = {
     "ElectricG1": "electric_g1",
     "ElectricG2": "electric_g2",
 }
+_KINDS = (
+    ("source", "came in"),
+    ("sink", "went out"),
+    ("stored", "stored more than at the start"),
+    ("transfer", "between the machines (no part of the sum)"),
+)
 
 
 class Result(NamedTuple):
-    """One run: its verdicts, the worst of them, and how long it took."""
+    """One run: its verdicts, the worst of them, how long it took, and where the energy went."""
 
     name: str
     verdicts: list[Verdict]
@@ -46,6 +53,7 @@ class Result(NamedTuple):
     car_s: float
     wall_s: float
     trace_hash: str
+    ledger: Ledger | None = None
 
 
 def make_folder(text: str | None) -> Path | None:
@@ -88,6 +96,34 @@ def print_result(result: Result) -> None:
         print(f"trace {result.trace_hash}")
 
 
+def print_ledger(ledger: Ledger) -> None:
+    """Print where the energy came from and went, one line per term that is not zero."""
+    for kind, title in _KINDS:
+        terms = [term for term in ledger.terms if term.kind == kind and term.energy != 0.0]
+        total = "" if kind == "transfer" else f"{ledger.total(kind):14.1f} J"
+        print(f"{title:<58}{total}")
+        for term in terms:
+            print(f"  {term.text:<56}{term.energy:14.1f} J")
+    share = ledger.residue / ledger.moved if ledger.moved > 0.0 else 0.0
+    print(
+        f"energy moved {ledger.moved:.1f} J, does not close: {ledger.residue:.3g} J ({share:.1g})"
+    )
+    print(f"fuel burnt {ledger.fuel * 1e3:.2f} g")
+
+
+def _ledger_json(ledger: Ledger) -> dict[str, object]:
+    return {
+        "unit": "J",
+        "moved": ledger.moved,
+        "residue": ledger.residue,
+        "fuel_kg": ledger.fuel,
+        "terms": [
+            {"name": term.name, "kind": term.kind, "energy": term.energy, "text": term.text}
+            for term in ledger.terms
+        ],
+    }
+
+
 def write_verdicts(path: Path, result: Result) -> None:
     """Write the verdicts as JSON."""
     rows = [
@@ -104,13 +140,15 @@ def write_verdicts(path: Path, result: Result) -> None:
         }
         for verdict in result.verdicts
     ]
-    content = {
+    content: dict[str, object] = {
         "scenario": result.name,
         "outcome": result.outcome.value,
         "car_time_s": result.car_s,
         "trace": result.trace_hash,
         "verdicts": rows,
     }
+    if result.ledger is not None:
+        content["ledger"] = _ledger_json(result.ledger)
     path.write_bytes(msgspec.json.format(msgspec.json.encode(content), indent=2) + b"\n")
 
 

@@ -41,6 +41,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         help="with --out: kinds of recording, .log .blf .asc .mf4 .csv .parquet (default: .blf and .log)",
     )
+    run.add_argument(
+        "--ledger", action="store_true", help="tell where the energy went (--model detailed)"
+    )
     add_setup_arguments(run)
 
 
@@ -55,7 +58,7 @@ def execute(arguments: argparse.Namespace) -> int:
         )
 
     from hev_can_emu.bus.open import open_bus
-    from hev_can_emu.commands._result import make_folder, print_result
+    from hev_can_emu.commands._result import make_folder, print_ledger, print_result
     from hev_can_emu.resources import folder, shipped_or_path
     from hev_can_emu.telemetry.recorder import check_ending
 
@@ -69,6 +72,9 @@ def execute(arguments: argparse.Namespace) -> int:
     out = make_folder(arguments.out)
     # Every file is read and checked before the first one runs.
     prepared = [_prepare(arguments, path) for path in paths]
+    if arguments.ledger:
+        for playing in prepared:
+            playing.emulator.ledger()
     codes: list[int] = []
     used: set[str] = set()
     for path, playing in zip(paths, prepared, strict=True):
@@ -77,6 +83,8 @@ def execute(arguments: argparse.Namespace) -> int:
         stem = _stem(path, used)
         result = _run(playing, (bus or "socketcand") if wall else None, out, stem, arguments)
         print_result(result)
+        if arguments.ledger and result.ledger is not None:
+            print_ledger(result.ledger)
         codes.append(result.outcome.exit_code)
     # As severe as the worst: unusable, fail, inconclusive, pass.
     return next((code for code in (2, 1, 3) if code in codes), 0)
@@ -161,8 +169,9 @@ def _run(
     wall = time.monotonic() - started
     verdicts = player.verdicts()
     result = Result(
-        playing.scenario.name, verdicts, player.outcome, emulator.now_ns * 1e-9, wall, trace
-    )
+        playing.scenario.name, verdicts, player.outcome, emulator.now_ns * 1e-9, wall, trace,
+        emulator.ledger() if emulator.keeps_ledger else None,
+    )  # fmt: skip
     if out is not None and log is not None:
         write_verdicts(out / f"{stem}.json", result)
         if not arguments.no_plot:

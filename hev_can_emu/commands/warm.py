@@ -22,11 +22,13 @@ def execute(arguments: argparse.Namespace) -> int:
     from hev_can_emu.scenario.warming import warm_scenario_kernels
 
     with compiling(arguments.quiet):
-        emulator = Emulator(Setup())
-        log = SignalLog(emulator.database, emulator.constants.codec)
-        frames = emulator.advance(50_000_000)
-        log.add(frames, len(frames))
-        log.series("EM2Speed")
+        for model in ("16dof", "detailed"):  # 4dof has the kernels of 16dof
+            emulator = Emulator(Setup(model=model))
+            log = SignalLog(emulator.database, emulator.constants.codec)
+            frames = emulator.advance(50_000_000)
+            log.add(frames, len(frames))
+            log.series("EM2Speed")
+        emulator.ledger()
         warm_scenario_kernels()
     if not arguments.quiet:
         taken_s = time.monotonic() - started_s

@@ -226,10 +226,10 @@ def step(
             continue
         if extras is not None:
             _book(u, nx, m, pistons, after, books, books[teeth.TRAVEL :])
-            if extras.nodes.shape[0] > 0:
+            if extras.middle.shape[0] > 0:
                 teeth.book_dampers(
-                    extras.nodes, extras.branch_at, extras.branch_by, extras.damping, row, level,
-                    length, x, u, after, trial[flow.shape[3] : flow.shape[3] + extras.nodes.shape[3]],
+                    extras.middle, extras.branch_at, extras.branch_by, extras.damping, row, level,
+                    length, x, u, after, trial[flow.shape[3] : flow.shape[3] + extras.middle.shape[3]],
                     books,
                 )  # fmt: skip
             u[ENGINE] = engine_torque

@@ -51,8 +51,7 @@ FRICTION = CRANK_WORK + 4  # heat of each lock's slide, J
 DAMPERS = FRICTION + N_LOCKS  # heat of each branch's damper, J; only where asked for
 N_BOOKS = DAMPERS + 17
 
-_NODES = (0.25, 0.5, 0.75)
-_END_WEIGHT, _OUTER_WEIGHT, _MIDDLE_WEIGHT = 7.0 / 90.0, 32.0 / 90.0, 12.0 / 90.0  # Boole's rule
+_END_WEIGHT, _MIDDLE_WEIGHT = 1.0 / 6.0, 4.0 / 6.0  # Simpson's rule
 
 
 class Extras(NamedTuple):
@@ -66,8 +65,8 @@ class Extras(NamedTuple):
         branch_at, branch_by: shape (nb, k): places and factors that give each branch's rate of
             deflection from the speeds.
         damping: shape (nb,).
-        nodes: shape (r, levels+1, nx+nu, 3*nb): rates at quarter, half and three quarters of a
-            step, or empty: then dampers are not booked.
+        middle: shape (r, levels+1, nx+nu, nb): every branch's rate half way through a step, or empty:
+            then dampers are not booked.
         first_twist: place of the first twist among the states; twist i is branch i's.
         base: number of configurations that the meshes do not tell apart.
     """
@@ -80,7 +79,7 @@ class Extras(NamedTuple):
     branch_at: Integers
     branch_by: Array
     damping: Array
-    nodes: Array
+    middle: Array
     first_twist: int
     base: int
 
@@ -108,7 +107,7 @@ def build_extras(
         branch_at=places,
         branch_by=factors,
         damping=np.diagonal(structure.damping[0]).copy(),
-        nodes=_node_rows(structure, bank, mesh) if damper_work else np.zeros((0, 0, 0, 0)),
+        middle=_middle_rows(structure, bank, mesh) if damper_work else np.zeros((0, 0, 0, 0)),
         first_twist=structure.n,
         base=len(bank.flow) >> len(mesh),
     )
@@ -120,27 +119,22 @@ def parting(structure: Structure, clearance: Mapping[str, float]) -> list[int]:
     return sorted(place[name] for name, play in clearance.items() if play > 0.0)
 
 
-def _node_rows(structure: Structure, bank: Bank, mesh: list[int]) -> Array:
-    """Rates of deflection at the inner nodes of every step of the ladder, as rows over [x; u]."""
-    nx = structure.n + structure.nq
-    nu, nb = bank.flow.shape[2] - nx, len(structure.branch_names)
-    levels = bank.levels
+def _middle_rows(structure: Structure, bank: Bank, mesh: list[int]) -> Array:
+    """Rates of deflection half way through every step of the ladder, as rows over [x; u]."""
+    nu, nb = bank.flow.shape[2] - structure.n - structure.nq, len(structure.branch_names)
     base = N_CONFIGURATIONS << (len(structure.locks) - len(LOCKS))
-    out = np.zeros((len(bank.flow), levels + 1, nx + nu, len(_NODES) * nb))
+    out = np.zeros((*bank.flow.shape[:2], structure.n + structure.nq + nu, nb))
+    half = bank.period / 2 ** (bank.levels + 1)
     for mask in range(1 << len(mesh)):
         parted = [branch for bit, branch in enumerate(mesh) if mask >> bit & 1]
         variant = without_branches(structure, parted) if parted else structure
         for index in range(base):
+            row = index + base * mask
+            # Half of a step is the step below; only the smallest has none in the bank.
             a, b = state_space(variant, configuration_at(index))
-            # The ladder from a quarter of the unit on; three quarters by one more product.
-            ladder = propagators(a, b, bank.period / 2**levels / 4.0, levels + 1)
-            for level in range(levels + 1):
-                quarter, half = ladder[level], ladder[level + 1]
-                later = quarter[:, :nx] @ half
-                later[:, nx:] += quarter[:, nx:]
-                for node, flow in enumerate((quarter, half, later)):
-                    rates = structure.incidence @ flow[: structure.n]
-                    out[index + base * mask, level, :, node * nb : (node + 1) * nb] = rates.T
+            smallest = propagators(a, b, half, 0)[0, : structure.n]
+            out[row, 0] = (structure.incidence @ smallest).T
+            out[row, 1:] = bank.flow[row, :-1, :, : structure.n] @ structure.incidence.T
     return out
 
 
@@ -156,7 +150,7 @@ def borrow_extras(extras: Extras) -> Extras:
         borrowed(extras.branch_at),
         borrowed(extras.branch_by),
         borrowed(extras.damping),
-        borrowed(extras.nodes),
+        borrowed(extras.middle),
         extras.first_twist,
         extras.base,
     )
@@ -200,7 +194,7 @@ def mesh_changes(extras: Extras, x: Array, contact: int, i: int) -> int:
 
 @kernel
 def book_dampers(
-    nodes: Array,
+    middle: Array,
     at: Integers,
     by: Array,
     damping: Array,
@@ -213,25 +207,23 @@ def book_dampers(
     rates: Array,
     books: Array,
 ) -> None:
-    """Add each damper's heat over an accepted step: Boole's rule over the exact rates at five nodes.
+    """Add each damper's heat over an accepted step: Simpson's rule over exact rates.
 
     Args:
-        nodes, damping: of :class:`Extras`.
+        middle, damping: of :class:`Extras`.
         at, by: its ``branch_at`` and ``branch_by``.
         row, level: configuration and step of the ladder.
         length: of that step, s.
         x, u: state at its beginning and inputs.
         after: state at its end.
-        rates: scratch, shape (3*nb,).
+        rates: scratch, shape (nb,).
         books: changed in place.
     """
-    nb = damping.shape[0]
-    combine(nodes, row, level, x, u, rates)
-    for branch in range(nb):
+    combine(middle, row, level, x, u, rates)
+    for branch in range(damping.shape[0]):
         first, last = row_speed(at, by, x, branch), row_speed(at, by, after, branch)
-        a, b, c = rates[branch], rates[nb + branch], rates[2 * nb + branch]
         total = _END_WEIGHT * (first * first + last * last)
-        total += _OUTER_WEIGHT * (a * a + c * c) + _MIDDLE_WEIGHT * b * b
+        total += _MIDDLE_WEIGHT * rates[branch] * rates[branch]
         books[DAMPERS + branch] += damping[branch] * total * length
 
 

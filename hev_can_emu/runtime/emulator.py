@@ -328,11 +328,16 @@ class Emulator:
             raise InputError("truth", "a name of the plant's truth", f"'{name}'", hint)
         return float(self.state.truth[powertrain.TRUTH.index(name)])
 
+    @property
+    def keeps_ledger(self) -> bool:
+        """Whether the model keeps an energy ledger."""
+        return self._car.unit is not None
+
     def ledger(self) -> Ledger:
         """Return the energy ledger since the start; raises InputError for a model without one."""
         found = self._car.ledger(self.state.plant_x, self.state.plant_n)
         if found is None:
-            raise InputError("ledger", "--model detailed, which keeps one", f"{self.setup.model}")
+            raise InputError("--ledger", "--model detailed, which keeps one", f"{self.setup.model}")
         return found
 
     def inject(self, fault: Fault) -> str:
