@@ -18,6 +18,7 @@ COMMANDS: tuple[tuple[str, str, str], ...] = (
     ("scenario", "scenario", "run scenarios and judge what they show"),
     ("replay", "replay", "play a recording to a bus, or its requests to the car"),
     ("compare", "compare", "one scenario with each fidelity of the plant, over each other"),
+    ("dbc", "dbc", "check a network file and its bindings"),
     ("modes", "modes", "natural frequencies, damping and mode shapes"),
     ("step-response", "step_response", "full-order against reduced model after a torque step"),
     ("identify", "identify", "find driveline parameters from measured frequencies"),

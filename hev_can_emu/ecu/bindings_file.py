@@ -73,9 +73,13 @@ class NodeBinding(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
 
 class Bindings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A bindings file; nodes count in the file's order; ``sensors`` by status port."""
+    """A bindings file; nodes count in the file's order; ``sensors`` by status port.
+
+    Messages in ``leave_out`` are not read from the DBC, whatever is wrong with them.
+    """
 
     version: Literal[1]
     nodes: dict[str, NodeBinding]
     messages: dict[str, MessageBinding]
     sensors: dict[str, Sensor] = {}
+    leave_out: tuple[str, ...] = ()

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 import msgspec
 
 from hev_can_emu.errors import InputError, did_you_mean
-from hev_can_emu.messages.dbc_reader import DbcText, read_messages
+from hev_can_emu.messages.dbc_reader import read_messages
+from hev_can_emu.messages.dbc_text import DbcText
 from hev_can_emu.messages.definitions import MessageDef, SendType, SignalDef
 from hev_can_emu.messages.protection_spec import ProtectionSpec
 
@@ -103,15 +104,15 @@ class Database(msgspec.Struct, frozen=True, kw_only=True, dict=True):
         return self.signal(f"{message}.{signal}").index
 
 
-def load_database(path: Path) -> Database:
-    """Read a DBC file.
+def load_database(path: Path, leave_out: Collection[str] = ()) -> Database:
+    """Read a DBC file, without the messages named in ``leave_out``.
 
     Raises:
         InputError: where the file is missing, no text, no DBC, or describes a network that cannot be encoded
             (overlapping signals, equal identifiers or names, a factor of zero); with the line where known.
     """
     text = DbcText.read(Path(path))
-    nodes, messages = read_messages(text)
+    nodes, messages = read_messages(text, leave_out)
     return Database(path=Path(path), nodes=nodes, messages=messages)
 
 

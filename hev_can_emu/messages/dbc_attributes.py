@@ -70,6 +70,10 @@ _NOT_AVAILABLE = {
 _INVALID = {"invalid", "invalidvalue", "signalinvalid"}
 
 
+#: No whole-number attribute is larger; a time of so many ms still fits 64 bits of ns.
+MOST = (1 << 31) - 1
+
+
 def _fold(label: str) -> str:
     return re.sub(r"[^a-z]", "", label.lower())
 
@@ -112,10 +116,10 @@ def integer_attribute(entry: Any, name: str, definitions: Any, lowest: int) -> i
     if value is None or value == "":
         return None
     try:
-        number = int(float(value))
+        number = int(value) if isinstance(value, int) else int(float(value))
     except (TypeError, ValueError, OverflowError):
         raise ValueError(f"'{value}'") from None
-    if number < lowest:
+    if not lowest <= number <= MOST:
         raise ValueError(f"{number}")
     return number
 

@@ -9,14 +9,14 @@ from __future__ import annotations
 import logging
 import math
 import re
-from pathlib import Path
+from collections.abc import Collection
 from typing import Any
 
 import cantools.database.can
-import msgspec
 
 from hev_can_emu.errors import InputError
 from hev_can_emu.messages.dbc_attributes import (
+    MOST,
     attribute,
     integer_attribute,
     is_invalid,
@@ -24,172 +24,80 @@ from hev_can_emu.messages.dbc_attributes import (
     read_protection,
     read_send_type,
 )
+from hev_can_emu.messages.dbc_text import FORMAT, DbcText, check_sizes, translate
 from hev_can_emu.messages.definitions import MessageDef, SendType, SignalDef
 
 _MS = 1_000_000
-_FORMAT = "a DBC file (text that begins with VERSION, NS_, BU_ or BO_)"
 #: cantools logs what it merely doubts; what matters is refused below with its own words.
 _LOGGER = logging.getLogger("cantools")
 
 
-class DbcText(msgspec.Struct, frozen=True):
-    """A DBC file's path and text, and where in it something stands."""
-
-    path: Path
-    text: str
-
-    @classmethod
-    def read(cls, path: Path) -> DbcText:
-        """Read the file (UTF-8, else Windows-1252); raises InputError where it is no text."""
-        try:
-            content = path.read_bytes()
-        except OSError as error:
-            reason = error.strerror or str(error)
-            raise InputError(str(path), "a readable DBC file", reason.lower()) from error
-        if b"\0" in content:
-            line = content[: content.index(b"\0")].count(b"\n") + 1
-            raise InputError(f"{path}:{line}", _FORMAT, "binary data (a zero byte)")
-        for encoding in ("utf-8-sig", "cp1252"):
-            try:
-                text = content.decode(encoding)
-            except UnicodeDecodeError:
-                continue
-            if not text.strip():
-                raise InputError(str(path), _FORMAT, "an empty file")
-            return cls(path, text)
-        raise InputError(str(path), _FORMAT, "bytes that are neither UTF-8 nor Windows-1252")
-
-    def line_of(self, message: str = "", signal: str = "") -> int:
-        """Return the line that defines a message, or a signal of it; 0 where it is not found."""
-        inside = not message
-        for number, line in enumerate(self.text.splitlines(), start=1):
-            words = line.replace(":", " ").split()
-            if len(words) > 2 and words[0] == "BO_":
-                inside = not message or words[2] == message
-                if inside and not signal:
-                    return number
-            elif inside and signal and len(words) > 1 and words[0] == "SG_" and words[1] == signal:
-                return number
-        return 0
-
-    def line_with(self, word: str) -> int:
-        """Return the first line that holds ``word``, preferring those that use it; else 0."""
-        lines = self.text.splitlines()
-        pattern = re.compile(rf"(?<!\w){re.escape(word)}(?!\w)")
-        hits = [number for number, line in enumerate(lines, start=1) if pattern.search(line)]
-        return hits[0] if hits and word else 0
-
-    def where(self, line: int = 0) -> str:
-        """Return ``path:line``, or the path alone for line 0."""
-        return f"{self.path}:{line}" if line else str(self.path)
-
-    def error(
-        self, expected: str, got: str, hint: str = "", message: str = "", signal: str = ""
-    ) -> InputError:
-        """Return an InputError at the line of a message or signal."""
-        return InputError(self.where(self.line_of(message, signal)), expected, got, hint)
-
-
 def _parse(source: DbcText) -> Any:
-    database = cantools.database.can.Database(strict=True)
+    check_sizes(source)
+    # Not strict: what it would refuse is looked at message by message, in _read_message.
+    database = cantools.database.can.Database(strict=False)
     level = _LOGGER.level
     _LOGGER.setLevel(logging.CRITICAL)
     try:
         database.add_dbc_string(source.text)
     except Exception as error:  # whatever the parser raises means a bad file
-        raise _translate(source, error) from error
+        raise translate(source, error) from error
     finally:
         _LOGGER.setLevel(level)
     return database
 
 
-def _translate(source: DbcText, error: Exception) -> InputError:
-    text = " ".join(str(error).split())
-    if match := re.search(r"Invalid syntax at line (\d+), column (\d+)", text):
-        line = int(match[1])
-        lines = source.text.splitlines()
-        content = lines[line - 1] if 0 < line <= len(lines) else ""
-        got = f"'{content.strip()[:60]}'" if content.strip() else "the end of the file"
-        return InputError(source.where(line), f"DBC syntax (column {match[2]})", got)
-    if match := re.search(r"signals (\S+) and (\S+) are overlapping in message (\S+)\.$", text):
-        first, second, message = match.groups()
-        if first == second:
-            expected, got = f"signal names that occur once in {message}", f"'{first}' twice"
-            return source.error(expected, got, message=message, signal=first)
-        return source.error(
-            f"signals of {message} that do not overlap",
-            f"'{first}' and '{second}' on the same bits",
-            message=message,
-            signal=first,
-        )
-    if match := re.search(r"signal (\S+) does not fit in message (\S+)\.$", text):
-        signal, message = match.groups()
-        return source.error(
-            f"a signal inside {message}",
-            f"'{signal}' beyond its last bit",
-            message=message,
-            signal=signal,
-        )
-    if match := re.search(
-        r"signal (\S+) length (\S+) is not greater than 0 in message (\S+)", text
-    ):
-        signal, length, message = match.groups()
-        message = message.rstrip(".")
-        return source.error(
-            "a signal of at least one bit", f"{length}", message=message, signal=signal
-        )
-    if match := re.search(
-        r"frame id (0x[0-9a-f]+) is more than (\d+) bits in message (\S+)\.", text
-    ):
-        return source.error(f"an identifier of {match[2]} bits", match[1], message=match[3])
-    if isinstance(error, KeyError):
-        name = str(error.args[0]) if error.args else ""
-        return InputError(
-            source.where(source.line_with(name)), "a name that the file defines", f"'{name}'"
-        )
-    if match := re.search(r"unused (VAL_|SIG_VALTYPE_) entries in DBC: \S+ (\d+) (\S+)", text):
-        pattern = rf"{match[1]}\s+{match[2]}\s+{re.escape(match[3])}\b"
-        found = re.search(pattern, source.text)
-        line = source.text[: found.start()].count("\n") + 1 if found else 0
-        return InputError(
-            source.where(line),
-            f"a signal of message {match[2]} that {match[1]} belongs to",
-            f"'{match[3]}', which that message lacks",
-        )
-    return InputError(str(source.path), "a valid DBC file", text or type(error).__name__)
+def read_messages(
+    source: DbcText, leave_out: Collection[str] = (), defects: list[InputError] | None = None
+) -> tuple[tuple[str, ...], tuple[MessageDef, ...]]:
+    """Return the nodes and messages of a DBC text.
 
+    Args:
+        source: the text.
+        leave_out: names of messages that are not read, whatever is wrong with them.
+        defects: takes what is wrong with single messages, which are then left out; without it the first
+            defect raises.
 
-def read_messages(source: DbcText) -> tuple[tuple[str, ...], tuple[MessageDef, ...]]:
-    """Return the nodes and messages of a DBC text; raises InputError."""
+    Raises:
+        InputError: the text is no DBC, or a message of it cannot be used.
+    """
     if not re.search(r"^\s*(VERSION|NS_|BS_|BU_|BO_)\b", source.text, re.MULTILINE):
         first = source.text.strip().splitlines()[0][:60]
-        raise InputError(source.where(1), _FORMAT, f"'{first}'")
+        raise InputError(source.where(1), FORMAT, f"'{first}'")
     database = _parse(source)
     definitions = database.dbc.attribute_definitions if database.dbc else {}
     messages: list[MessageDef] = []
     first_signal = 0
-    names: dict[str, str] = {}
     ids: dict[tuple[int, bool], str] = {}
     for entry in database.messages:
-        if entry.name == "VECTOR__INDEPENDENT_SIG_MSG":
+        if entry.name == "VECTOR__INDEPENDENT_SIG_MSG" or entry.name in leave_out:
             continue
-        key = (entry.frame_id, entry.is_extended_frame)
-        if key in ids:
-            raise source.error(
-                "identifiers that occur once",
-                f"0x{entry.frame_id:X} for both '{ids[key]}' and '{entry.name}'",
-                message=entry.name,
-            )
-        if entry.name in names:
-            raise source.error(
-                "message names that occur once", f"'{entry.name}' twice", message=entry.name
-            )
-        ids[key] = entry.name
-        names[entry.name] = entry.name
-        message = _read_message(source, entry, len(messages), first_signal, definitions)
+        try:
+            _check_unique(source, entry, ids)
+            message = _read_message(source, entry, len(messages), first_signal, definitions)
+        except InputError as error:
+            if defects is None:
+                raise
+            defects.append(error)
+            continue
+        ids[entry.frame_id, entry.is_extended_frame] = entry.name
         first_signal += len(message.signals)
         messages.append(message)
     return tuple(node.name for node in database.nodes), tuple(messages)
+
+
+def _check_unique(source: DbcText, entry: Any, ids: dict[tuple[int, bool], str]) -> None:
+    other = ids.get((entry.frame_id, entry.is_extended_frame))
+    if other is not None:
+        raise source.error(
+            "identifiers that occur once",
+            f"0x{entry.frame_id:X} for both '{other}' and '{entry.name}'",
+            message=entry.name,
+        )
+    if entry.name in ids.values():
+        raise source.error(
+            "message names that occur once", f"'{entry.name}' twice", message=entry.name
+        )
 
 
 def _read_message(
@@ -201,6 +109,10 @@ def _read_message(
         _read_signal(source, entry, signal, first_signal + n, index)
         for n, signal in enumerate(entry.signals)
     )
+    try:
+        entry.refresh(strict=True)
+    except Exception as error:  # whatever it raises means a bad layout
+        raise translate(source, error) from error
     seen: set[str] = set()
     for signal in signals:
         if signal.name in seen:
@@ -217,7 +129,7 @@ def _read_message(
             return integer_attribute(entry, name, definitions, lowest)
         except ValueError as error:
             raise source.error(
-                f"{name} of {entry.name}: {lowest} or more", str(error), message=entry.name
+                f"{name} of {entry.name}: {lowest} to {MOST}", str(error), message=entry.name
             ) from error
 
     try:

@@ -110,7 +110,9 @@ class Emulator:
         self._car = Car(self.setup)
         self.vehicle_name, self.provenance = self._car.name, self._car.provenance
         dbc, document, bindings = network_files(self.setup)
-        self.database: Database = complete(bindings, load_database(dbc), document.where)
+        self.database: Database = complete(
+            bindings, load_database(dbc, bindings.leave_out), document.where
+        )
         ties = resolve(bindings, self.database, document.where)
         self.node_names = tuple(bindings.nodes)
         driver_nodes = self._nodes_with(ties, _DRIVER_PORTS)

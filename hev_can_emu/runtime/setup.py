@@ -82,6 +82,14 @@ def load_car(name: str) -> tuple[DrivelineParameters, Machines, VehicleFile, str
 def network_files(setup: Setup) -> tuple[Path, config.Document, Bindings]:
     """Return the DBC's path, and the bindings with the document that locates complaints."""
     dbc = Path(setup.dbc) if setup.dbc else folder("dbc") / "hev.dbc"
-    beside = Path(setup.bindings) if setup.bindings else folder("dbc") / "hev.bindings.yaml"
-    document = config.read(beside)
+    beside = Path(setup.bindings) if setup.bindings else bindings_beside(dbc)
+    document = config.read(beside or folder("dbc") / "hev.bindings.yaml")
     return dbc, document, document.convert(Bindings)
+
+
+def bindings_beside(dbc: Path) -> Path | None:
+    """Return ``NAME.bindings.yaml`` beside ``NAME.dbc`` where it exists."""
+    if not dbc.stem or not dbc.is_file():
+        return None  # told when it is read
+    path = dbc.with_name(f"{dbc.stem}.bindings.yaml")
+    return path if path.is_file() else None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import re
 
 HEADER = 'VERSION ""\n\nNS_ :\n\nBS_:\n\nBU_: A B\n\n'
 FD_SIZES = (12, 16, 20, 24, 32, 48, 64)
@@ -135,3 +136,40 @@ def random_dbc(rng: random.Random, messages: int = 3) -> str:
     order = ("BA_ ", "VAL_ ", "SIG_VALTYPE_ ", "SG_MUL_VAL_ ")
     tail = [line for prefix in order for line in extras if line.startswith(prefix)]
     return HEADER + "\n\n".join(blocks) + "\n\n" + attributes + "\n".join(tail) + "\n"
+
+
+_TOKENS = (
+    "BO_", "SG_", "BA_", "VAL_", "SG_MUL_VAL_", "SIG_VALTYPE_", "m1M", "nan", "inf", "1e400", "-1", "65",
+    "99999999999999999999", '"', "(", ")", "|", "@", ";", ":", "\n", "é", "\0",
+)  # fmt: skip
+_NUMBERS = ("0", "-1", "64", "65", "255", "99999", "2147483648", "18446744073709551616", "1e999")
+
+
+def mutated(rng: random.Random, text: str) -> str:
+    """Return a DBC text cut off, or with pieces changed, lost, doubled, swapped."""
+    for _ in range(rng.randint(1, 3)):
+        at = rng.randrange(len(text) + 1)
+        end = at + rng.randint(0, 12)
+        match rng.randrange(7):
+            case 0:
+                text = text[:at]
+            case 1:
+                text = text[:at] + rng.choice(_TOKENS) + text[at:]
+            case 2:
+                text = text[:at] + rng.choice(_TOKENS) + text[end:]
+            case 3:
+                text = text[:at] + text[end:]
+            case 4:
+                lines = text.split("\n")
+                lines.insert(rng.randrange(len(lines)), rng.choice(lines))
+                text = "\n".join(lines)
+            case 5:
+                lines = text.split("\n")
+                rng.shuffle(lines)
+                text = "\n".join(lines)
+            case _:
+                numbers = list(re.finditer(r"-?\d+", text))
+                if numbers:
+                    one = rng.choice(numbers)
+                    text = text[: one.start()] + rng.choice(_NUMBERS) + text[one.end() :]
+    return text

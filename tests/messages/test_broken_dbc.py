@@ -1,11 +1,16 @@
 """Every broken DBC file gets one line: where, expected, got."""
 
+import random
+import re
 from pathlib import Path
 
 import pytest
+from random_dbc import mutated, random_dbc
 
 from hev_can_emu.errors import InputError
+from hev_can_emu.messages.codec import build_codec
 from hev_can_emu.messages.database import load_database
+from hev_can_emu.messages.restbus import build_restbus
 
 HEAD = 'VERSION ""\nBU_: A B\n'
 ONE = 'BO_ 256 M: 8 A\n SG_ S : 0|8@1+ (1,0) [0|0] "" B\n'
@@ -63,6 +68,27 @@ CASES: dict[str, tuple[bytes, str]] = {
     "float of 24 bits": (
         (HEAD + ONE.replace("0|8@1+", "0|24@1-") + "SIG_VALTYPE_ 256 S : 1;\n").encode(),
         ":4: expected a floating-point signal of 16, 32 or 64 bits (M.S), got 24",
+    ),
+    "a message to fill the memory": (
+        (HEAD + ONE.replace(": 8 A", ": 4294967295 A")).encode(),
+        ":3: expected a message of 0 to 64 bytes, got '4294967295'",
+    ),
+    "a signal to fill the memory": (
+        (HEAD + ONE.replace("0|8@", "0|999999999@")).encode(),
+        ":4: expected a signal of 1 to 64 bits, got '999999999'",
+    ),
+    "selectors to fill the memory": (
+        (HEAD + ONE + "SG_MUL_VAL_ 256 S S 0-4294967295;\n").encode(),
+        ":5: expected at most 65536 multiplexer values, got '0-4294967295'",
+    ),
+    "a name over two lines": (
+        (HEAD + ONE + 'BA_ "No\npe" BO_ 256 1;\n').encode(),
+        ":5: expected a name that the file defines, got 'No pe'",
+    ),
+    "a cycle time beyond all clocks": (
+        (HEAD + ONE + 'BA_DEF_ BO_ "GenMsgCycleTime" INT 0 0;\nBA_DEF_DEF_ "GenMsgCycleTime" 0;\n'
+         'BA_ "GenMsgCycleTime" BO_ 256 18446744073709551615;\n').encode(),
+        ":3: expected GenMsgCycleTime of M: 0 to 2147483647, got 18446744073709551615",
     ),
     "labels of nothing": (
         (HEAD + ONE + 'VAL_ 256 T 1 "x" ;\n').encode(),
@@ -131,3 +157,28 @@ def test_any_truncation_is_an_input_error_or_fine(tmp_path: Path) -> None:
         except InputError:
             failures += 1
     assert failures > len(text) // 2
+
+
+EXAMPLE = Path(__file__).parents[2] / "dbc" / "examples" / "alpin.dbc"
+
+
+def test_no_mutation_gives_a_traceback(tmp_path: Path) -> None:
+    """Texts cut, doubled, swapped, with monstrous numbers: one line of complaint, or a usable network."""
+    path = tmp_path / "net.dbc"
+    line = re.compile(rf"{re.escape(str(path))}(:\d+)?: expected [^\n]+, got [^\n]+")
+    usable = 0
+    for seed in range(400):
+        rng = random.Random(seed)
+        text = EXAMPLE.read_text() if seed % 8 == 0 else random_dbc(rng, 2)
+        path.write_text(mutated(rng, text))
+        complaint = ""
+        try:
+            database = load_database(path)
+        except InputError as error:
+            complaint = str(error)
+        else:
+            usable += 1
+            assert build_codec(database).signals.shape[0] == len(database.signals)
+            assert build_restbus(database).order.shape[0] == len(database.messages)
+        assert not complaint or line.fullmatch(complaint), (seed, complaint)
+    assert 40 < usable < 360

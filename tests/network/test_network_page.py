@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,9 @@ import pytest
 from e2e import p11
 
 from hev_can_emu import config
+from hev_can_emu.cli import main
 from hev_can_emu.ecu.bindings import Bindings, resolve
+from hev_can_emu.ecu.network import complete
 from hev_can_emu.messages.database import load_database
 from hev_can_emu.messages.protection import (
     COUNTER_REPEATED,
@@ -127,12 +130,29 @@ def test_sending_a_request(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_foreign_example(tmp_path: Path) -> None:
     (tmp_path / "their.dbc").write_text(
         'VERSION ""\nBU_: CTRL DRIVE\nBO_ 1 Cmd: 8 CTRL\n'
-        ' SG_ Trq : 0|16@1- (1,0) [0|0] "Nm" DRIVE\n SG_ Gang : 16|4@1+ (1,0) [0|0] "" DRIVE\n'
+        ' SG_ Sum : 0|8@1+ (1,0) [0|0] "" DRIVE\n SG_ Count : 8|4@1+ (1,0) [0|0] "" DRIVE\n'
+        ' SG_ Trq : 16|16@1- (1,0) [0|0] "Nm" DRIVE\n SG_ Gang : 32|4@1+ (1,0) [0|0] "" DRIVE\n'
         'BO_ 2 State: 8 DRIVE\n SG_ Speed : 0|16@1- (1,0) [0|0] "U/min" CTRL\n'
         ' SG_ Amps : 16|16@1- (1,0) [0|0] "A" CTRL\n SG_ Volts : 32|16@1- (1,0) [0|0] "" CTRL\n'
+        ' SG_ Model : 48|4@1+ (1,0) [0|0] "" CTRL\n'
         'VAL_ 1 Gang 1 "Leerlauf" 2 "Erster" 3 "Zweiter" ;\n'
     )
     document = config.parse(example("yaml"), "network.md")
-    foreign = load_database(tmp_path / "their.dbc")
-    resolved = resolve(document.convert(Bindings), foreign, document.where)
+    bindings = document.convert(Bindings)
+    foreign = complete(bindings, load_database(tmp_path / "their.dbc"), document.where)
+    resolved = resolve(bindings, foreign, document.where)
     assert resolved.tx_gain[1] == -1.0
+    assert foreign.message("Cmd").protection is not None
+    assert foreign.message("State").cycle_time_ns == 20_000_000
+    assert foreign.signal("Model").initial == 3
+
+
+@pytest.mark.parametrize(
+    "command", re.findall(r"^    hev-can-emu (.*dbc/examples.*)$", PAGE, re.MULTILINE)
+)
+def test_the_worked_example_runs(
+    command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(ROOT)
+    assert main(shlex.split(command)) == 0
+    assert "PASS" in (told := capsys.readouterr().out) or "received from the controller (4)" in told
