@@ -82,8 +82,8 @@ class Period(Monitor):
         now = int(block.t_ns[-1])
         since = self.open_ns if self._last_ns is None else self._last_ns
         self._check_silence(min(now, self.close_ns), since)
-        if not self._silent:
-            self.margin = (self._jitter_ns - self._worst_ns) * 1e-9
+        spare_s = (self._jitter_ns - self._worst_ns) * 1e-9
+        self.margin = math.inf if self._silent else spare_s
         if self._bad is not None:
             self._decide(Outcome.FAIL, *self._bad)
         elif block.last and self._count == 0:
