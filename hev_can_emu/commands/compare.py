@@ -94,7 +94,8 @@ def _run(path: Path, model: str, args: argparse.Namespace, names: list[str]) -> 
     import time
 
     from hev_can_emu.commands._compiling import ready_emulator
-    from hev_can_emu.runtime.playing import Playing, read_scenario
+    from hev_can_emu.runtime.playing import Playing
+    from hev_can_emu.runtime.scenario_runs import read_scenario
     from hev_can_emu.runtime.setup import Setup
     from hev_can_emu.runtime.tick import TICK_NS
     from hev_can_emu.runtime.truth_log import TruthLog
@@ -144,7 +145,7 @@ def _instant(
 
 
 def _title(path: Path) -> str:
-    from hev_can_emu.runtime.playing import read_scenario
+    from hev_can_emu.runtime.scenario_runs import read_scenario
 
     return read_scenario(path)[1].name
 

@@ -8,12 +8,17 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import msgspec
+
 from hev_can_emu.commands._options import add_setup_arguments, make_setup
 from hev_can_emu.errors import BusError, InputError
 
 if TYPE_CHECKING:
     from hev_can_emu.commands._result import Result
+    from hev_can_emu.runtime.emulator import Emulator
     from hev_can_emu.runtime.playing import Playing
+    from hev_can_emu.runtime.scenario_runs import Run
+    from hev_can_emu.runtime.setup import Setup
     from hev_can_emu.runtime.virtual import FrameSink
 
 CLOCKS = ("virtual", "wall")
@@ -32,6 +37,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="virtual (as fast as possible, repeatable) or wall (default: wall if a bus is named)",
     )
     run.add_argument("--bus", metavar="BUS", help="bus for the wall clock (default: socketcand)")
+    run.add_argument(
+        "--seed", type=int, metavar="N", help="of everything random (default: the scenario's, or 0)"
+    )
+    run.add_argument(
+        "--set",
+        metavar="NAME=VALUE",
+        action="append",
+        default=[],
+        help="a parameter's value; takes it out of the matrix; may be repeated",
+    )
     run.add_argument("--out", metavar="DIR", help="leave recordings, verdicts and a picture there")
     run.add_argument("--no-plot", action="store_true", help="draw no picture")
     run.add_argument(
@@ -71,16 +86,16 @@ def execute(arguments: argparse.Namespace) -> int:
         open_bus(arguments.bus, time.monotonic_ns)  # a name that cannot be a bus is told at once
     out = make_folder(arguments.out)
     # Every file is read and checked before the first one runs.
-    prepared = [_prepare(arguments, path) for path in paths]
+    prepared = _prepare(arguments, paths)
     if arguments.ledger:
-        for playing in prepared:
+        for _, _, playing in prepared:
             playing.emulator.ledger()
     codes: list[int] = []
     used: set[str] = set()
-    for path, playing in zip(paths, prepared, strict=True):
+    for path, label, playing in prepared:
         bus = arguments.bus or playing.scenario.bus
         wall = clock == "wall" or (clock is None and bus is not None)
-        stem = _stem(path, used)
+        stem = _stem(f"{path.stem} {label}".strip(), used)
         result = _run(playing, (bus or "socketcand") if wall else None, out, stem, arguments)
         print_result(result)
         if arguments.ledger and result.ledger is not None:
@@ -90,9 +105,9 @@ def execute(arguments: argparse.Namespace) -> int:
     return next((code for code in (2, 1, 3) if code in codes), 0)
 
 
-def _stem(path: Path, used: set[str]) -> str:
+def _stem(name: str, used: set[str]) -> str:
     """Return a name for a run's files that no earlier run of this command has."""
-    base = re.sub(r"[^A-Za-z0-9_.-]+", "_", path.stem)
+    base = re.sub(r"[^A-Za-z0-9_.=-]+", "_", name)
     stem, number = base, 1
     while stem in used:
         number += 1
@@ -110,13 +125,44 @@ _HEAD = {
 }
 
 
-def _prepare(arguments: argparse.Namespace, path: Path) -> Playing:
-    """Read a scenario and build its car; raises InputError."""
+def _prepare(arguments: argparse.Namespace, paths: list[Path]) -> list[tuple[Path, str, Playing]]:
+    """Read all scenarios and build their cars, alike ones once; raises InputError."""
+    from hev_can_emu.runtime.playing import Playing
+    from hev_can_emu.runtime.scenario_runs import read_runs
+
+    if arguments.seed is not None and arguments.seed < 0:
+        raise InputError("--seed", "0 or more", f"{arguments.seed}")
+    cars: list[tuple[Setup, Emulator, bytes]] = []
+    prepared = []
+    for path in paths:
+        for run in read_runs(path, _parameters(arguments)):
+            emulator, start = _car(arguments, run, cars)
+            scenario = run.scenario
+            if arguments.seed is not None:
+                scenario = msgspec.structs.replace(scenario, seed=arguments.seed)
+            playing = Playing(emulator, run.document, scenario, run.locate, start)
+            prepared.append((path, run.label, playing))
+    return prepared
+
+
+def _parameters(arguments: argparse.Namespace) -> dict[str, str]:
+    given = {}
+    for text in arguments.set:
+        name, equals, value = text.partition("=")
+        if not equals or not name.strip() or not value.strip():
+            raise InputError("--set", "NAME=VALUE", f"'{text}'", "e.g. --set 'torque=150 Nm'")
+        given[name.strip()] = value.strip()
+    return given
+
+
+def _car(
+    arguments: argparse.Namespace, run: Run, cars: list[tuple[Setup, Emulator, bytes]]
+) -> tuple[Emulator, bytes]:
+    """Return the car of a run with its state at the start, made where there is none like it."""
     from hev_can_emu.bus.open import open_bus
     from hev_can_emu.commands._compiling import ready_emulator
-    from hev_can_emu.runtime.playing import Playing, read_scenario
 
-    document, scenario = read_scenario(path)
+    scenario = run.scenario
     head: dict[str, Any] = {
         key: getattr(scenario, key)
         for key in ("vehicle", "model", "start")
@@ -127,16 +173,20 @@ def _prepare(arguments: argparse.Namespace, path: Path) -> Playing:
     try:
         if arguments.bus is None and scenario.bus is not None:
             open_bus(scenario.bus, time.monotonic_ns)
-        emulator = ready_emulator(make_setup(arguments, head, owners))
+        setup = make_setup(arguments, head, owners)
+        for known, emulator, start in cars:
+            if known == setup:
+                return emulator, start
+        emulator = ready_emulator(setup)
     except InputError as error:
         option = error.where.split()[0]
         key = _HEAD.get(option)
         if key is None or getattr(arguments, key, None) or getattr(arguments, "node", None):
             raise
         # Said by the scenario's head, not on the command line.
-        where = document.where((key,))
-        raise InputError(where, error.expected, error.got, error.hint) from error
-    return Playing(emulator, document, scenario)
+        raise InputError(run.locate((key,)), error.expected, error.got, error.hint) from error
+    cars.append((setup, emulator, emulator.snapshot()))
+    return emulator, cars[-1][2]
 
 
 def _run(

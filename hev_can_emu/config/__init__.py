@@ -45,11 +45,29 @@ class Document(NamedTuple):
     def where(self, steps: Steps = ()) -> str:
         """Return ``file:line: $.path`` of the value at ``steps``, or of its nearest ancestor."""
         node = self.root
+        file = self.name
         for step in steps:
             if step not in node.children:
                 break
             node = node.children[step]
-        return f"{self.name}:{node.line}: {complaint.spell(steps)}"
+            file = node.file or file
+        return f"{file}:{node.line}: {complaint.spell(steps)}"
+
+    def text_beside(self, file: str, steps: Steps) -> str:
+        """Return the text of a file named at ``steps``, relative to the file that names it.
+
+        Raises:
+            InputError: it cannot be read; told at ``steps``.
+        """
+        where = self.where(steps)
+        path = Path(where.rpartition(": ")[0].rpartition(":")[0]).parent / file
+        try:
+            return _text(path, str(path))
+        except InputError as error:
+            if error.where != str(path):
+                raise
+            expected = error.expected.replace("a YAML file", "a file")
+            raise InputError(where, expected, f"'{path}': {error.got}", error.hint) from error
 
     def convert(self, type_: type[T]) -> T:
         """Return the file as ``type_`` (a msgspec Struct).
@@ -104,23 +122,6 @@ def parse(text: str, name: str = "<text>") -> Document:
     if root is None:
         raise InputError(name, "a YAML document", "an empty file")
     return Document(name, root)
-
-
-def text_beside(name: str) -> Callable[[str, Any], str]:
-    """Return a reader of files named relative to the file ``name``.
-
-    The reader takes such a file's name and a place that knows how to ``refuse(expected, got, hint)``.
-    """
-
-    def read_text(file: str, place: Any) -> str:
-        path = Path(name).parent / file
-        try:
-            return _text(path, str(path))
-        except InputError as error:
-            expected = error.expected.replace("a YAML file", "a file")
-            raise place.refuse(expected, f"'{path}': {error.got}", error.hint) from error
-
-    return read_text
 
 
 def _text(path: Path, name: str) -> str:

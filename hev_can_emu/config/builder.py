@@ -31,7 +31,8 @@ _EXPLICIT: dict[str, type] = {"int": int, "float": float, "bool": bool, "null": 
 class Node(NamedTuple):
     """One value with its place: ``value`` is plain data, ``children`` the nodes inside by key.
 
-    ``line`` and ``column`` count from 1; for a mapping's entry they are those of its key.
+    ``line`` and ``column`` count from 1; for a mapping's entry they are those of its key.  ``file``: where
+    it stands; empty where its parent does.
     """
 
     value: Any
@@ -39,6 +40,7 @@ class Node(NamedTuple):
     column: int
     children: dict[str | int, Node]
     size: int
+    file: str = ""
 
 
 class _Open:

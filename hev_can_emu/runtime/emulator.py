@@ -354,6 +354,14 @@ class Emulator:
         """
         return self._book.inject(fault)
 
+    def check_fault(self, fault: Fault, where: str = "fault") -> None:
+        """Raise InputError, told at ``where``, for a fault that :meth:`inject` would refuse."""
+        self._book.check(fault, where)
+
+    def reseed(self, seed: int) -> None:
+        """Let the random numbers of faults injected from now on follow from ``seed`` (0 at first)."""
+        self._book.reseed(seed)
+
     def clear(self, name: str) -> None:
         """End a fault at the next tick; raises InputError where none of this name is live."""
         self._book.clear(name)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Literal, NamedTuple
 
 import msgspec
+import numpy as np
 
 from hev_can_emu.ecu import fault_table as table
 from hev_can_emu.ecu.fault_rows import Network, fill_row
@@ -54,6 +55,18 @@ class FaultBook:
         self._network = network
         self._now_ns = now_ns
         self._page = _Page()
+
+    def reseed(self, seed: int) -> None:
+        """Let the random numbers of faults injected from now on follow from ``seed``."""
+        self._network = self._network._replace(seed=seed)
+
+    def check(self, fault: Fault, where: str) -> None:
+        """Raise InputError where the fault's names and values do not fit the network."""
+        own = self._table
+        scratch = FaultTable(
+            np.zeros_like(own.whole), np.zeros_like(own.real), np.zeros_like(own.counts)
+        )
+        fill_row(fault, self._network, scratch, 0, where)
 
     def inject(self, fault: Fault, where: str = "fault") -> str:
         """Start a fault at the next tick (or ``after`` it); see :meth:`Emulator.inject`."""

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from pathlib import Path
-from typing import NamedTuple
+import contextlib
+from collections.abc import Callable, Mapping
+from typing import NamedTuple, cast
 
 import numpy as np
 import numpy.typing as npt
 
 from hev_can_emu import config
+from hev_can_emu.ecu.faults import Fault
+from hev_can_emu.errors import InputError, StateError
 from hev_can_emu.messages.frame import EXTENDED, FD, SENT, make_frames
 from hev_can_emu.runtime.emulator import Emulator, Event
+from hev_can_emu.runtime.fault_book import InjectedFault
 from hev_can_emu.runtime.sources import sources_of
 from hev_can_emu.runtime.tick import TICK_NS
+from hev_can_emu.scenario.place import Place
 from hev_can_emu.scenario.player import Player
-from hev_can_emu.scenario.program import Command, SendMessage
+from hev_can_emu.scenario.program import Clear, Command, Inject, SendMessage
 from hev_can_emu.scenario.schema import Scenario
 from hev_can_emu.scenario.script import GO_ON
 from hev_can_emu.scenario.verdict import Outcome, Verdict
@@ -34,7 +38,7 @@ class RunResult(NamedTuple):
         outcome: the worst of them.
         car_ns: how long the car ran.
         events: supervision, faults, locks, modes, ... in the order of time.
-        faults: what was injected, a line each.
+        faults: what was injected, when, until when, and how often it acted.
         trace_hash: SHA-256 over all frames; empty where the clock was the wall's.
     """
 
@@ -49,24 +53,56 @@ class RunResult(NamedTuple):
     outcome: Outcome
     car_ns: int
     events: tuple[Event, ...]
-    faults: tuple[str, ...]
+    faults: tuple[InjectedFault, ...]
     trace_hash: str
 
 
 class Playing:
-    """One scenario played on one emulator; used alike in virtual and in wall time."""
+    """One scenario played on one emulator; used alike in virtual and in wall time.
 
-    def __init__(self, emulator: Emulator, document: config.Document, scenario: Scenario) -> None:
+    Args:
+        emulator: the car.
+        document: where the scenario stands.
+        scenario: what to play.
+        locate: turns a path in the scenario into its place; default: the document's.
+        start: snapshot to begin from, where several runs share the emulator.
+
+    Raises:
+        InputError: the scenario does not fit the car's network, or itself.
+    """
+
+    def __init__(
+        self,
+        emulator: Emulator,
+        document: config.Document,
+        scenario: Scenario,
+        locate: Callable[[config.Steps], str] | None = None,
+        start: bytes | None = None,
+    ) -> None:
         self.emulator = emulator
         self.scenario = scenario
+        self._start = start
+        self._begun = False
         self.events: list[Event] = []  #: all that happened so far
         self._untold = 0
         self._file = document.name
-        sources = sources_of(emulator, config.text_beside(document.name))
-        self.player = Player(scenario, sources, document.where, TICK_NS)
+
+        def profile(file: str, place: Place) -> str:
+            return document.text_beside(file, place.steps)
+
+        sources = sources_of(emulator, profile)
+        self.player = Player(scenario, sources, locate or document.where, TICK_NS)
         self._raw: list[npt.NDArray[np.void]] = []
         self._none = make_frames(0)
-        emulator.attach(self.player.script)
+
+    def begin(self) -> None:
+        """Take the emulator: from now on the scenario acts at every tick."""
+        self._begun = True
+        if self._start is not None:
+            self.emulator.restore(self._start)
+            self.emulator.take_events()
+        self.emulator.reseed(self.scenario.seed or 0)
+        self.emulator.attach(self.player.script)
 
     @property
     def finished(self) -> bool:
@@ -96,7 +132,7 @@ class Playing:
             outcome=self.player.outcome,
             car_ns=self.emulator.now_ns,
             events=tuple(self.events),
-            faults=(),
+            faults=self.emulator.faults,
             trace_hash=trace_hash,
         )
 
@@ -113,6 +149,8 @@ class Playing:
         Returns:
             The frames sent, valid until the next call, and how many of the given ones were taken.
         """
+        if not self._begun:
+            self.begin()
         emulator, player = self.emulator, self.player
         given = self._none if frames is None else frames[:count]
         while not player.finished:
@@ -181,6 +219,13 @@ class Playing:
             message = emulator.database.message(command.message)
             emulator.send_message(message.index, command.enabled)
             return
+        if isinstance(command, Inject):
+            self._inject(command)
+            return
+        if isinstance(command, Clear):
+            with contextlib.suppress(InputError):  # it has ended by itself
+                emulator.clear(command.label)
+            return
         record = make_frames(1)
         record["t_ns"] = emulator.now_ns
         record["id"] = command.identifier
@@ -189,8 +234,8 @@ class Playing:
         record["data"][0, : len(command.data)] = np.frombuffer(command.data, dtype=np.uint8)
         self._raw.append(record)
 
-
-def read_scenario(path: Path) -> tuple[config.Document, Scenario]:
-    """Read a scenario file; raises InputError."""
-    document = config.read(path)
-    return document, document.convert(Scenario)
+    def _inject(self, command: Inject) -> None:
+        try:
+            self.emulator.inject(cast(Fault, command.fault))
+        except (InputError, StateError) as error:
+            self.player.fail(self.emulator.now_ns, command.label, command.where, str(error))

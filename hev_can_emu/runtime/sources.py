@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
-from hev_can_emu.ecu import fault_table, supervision
+from hev_can_emu.ecu import fault_table, faults, supervision
 from hev_can_emu.plant import driveline, powertrain
 from hev_can_emu.plant.truth_units import truth_unit
 from hev_can_emu.runtime import tick
@@ -17,6 +17,12 @@ from hev_can_emu.units import unit
 
 def sources_of(emulator: Emulator, profile: Callable[[str, Place], str] = no_profile) -> Sources:
     """Return what there is; ``profile`` reads the CSV files that a scenario names."""
+
+    def fault(mapping: Mapping[str, object], place: Place) -> tuple[str, object]:
+        found = faults.parse(mapping, str(place))
+        emulator.check_fault(found, str(place))
+        return found.label, found
+
     messages = {message.name: message.index for message in emulator.database.messages}
     return Sources(
         signals=Signals(emulator.database.messages),
@@ -37,6 +43,7 @@ def sources_of(emulator: Emulator, profile: Callable[[str, Place], str] = no_pro
             "fault_over": EventKind(fault_table.OVER, {}),
         },
         profile=profile,
+        fault=fault,
     )
 
 

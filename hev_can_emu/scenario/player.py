@@ -203,6 +203,14 @@ class Player:
         for monitor in self._watcher.monitors:
             monitor.abandon(f"{reason} at {t_ns * 1e-9:.3f} s")
 
+    def fail(self, t_ns: int, name: str, where: str, observed: str) -> None:
+        """Stop, because something that the scenario asks for could not be done."""
+        verdict = Verdict(
+            "step", name, Outcome.ERROR, t_ns, "it can be done", observed, None, "", where
+        )
+        self._verdicts.append(verdict)
+        self._stopped = "the scenario stopped"
+
     def distrust(self, t_ns: int, reason: str, expected: str) -> None:
         """Let no failure count, because the host could not keep up; the run is inconclusive."""
         for monitor in self._watcher.monitors:

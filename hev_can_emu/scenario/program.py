@@ -80,7 +80,21 @@ class SendFrame(NamedTuple):
     fd: bool
 
 
-Command = SendMessage | SendFrame
+class Inject(NamedTuple):
+    """Start a fault; ``fault`` is what the caller's reader of faults made of it."""
+
+    label: str
+    fault: object
+    where: str
+
+
+class Clear(NamedTuple):
+    """End the fault of that name, if it is live."""
+
+    label: str
+
+
+Command = SendMessage | SendFrame | Inject | Clear
 
 
 class Step(NamedTuple):

@@ -6,7 +6,7 @@ for signals with a value table, a label.  Times always carry a unit.
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 
@@ -102,6 +102,8 @@ class Step(Record, frozen=True):
     silence: Names = ()
     resume: Names = ()
     send: tuple[RawFrame, ...] = ()
+    inject: tuple[dict[str, Any], ...] = ()
+    clear: Names = ()
     repeat: Repeat | None = None
 
 

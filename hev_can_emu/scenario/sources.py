@@ -38,6 +38,11 @@ def no_profile(file: str, place: Place) -> str:
     raise place.refuse("a scenario in a file", f"'{file}'", "profiles are looked for beside it")
 
 
+def no_fault(mapping: Mapping[str, object], place: Place) -> tuple[str, object]:
+    """Refuse a fault: nothing is there that could have one."""
+    raise place.refuse("no fault", f"'{mapping.get('fault', '')}'")
+
+
 class Sources(NamedTuple):
     """Everything by name.
 
@@ -46,12 +51,14 @@ class Sources(NamedTuple):
         truths: the plant's truth.
         events: kinds of events.
         profile: returns the text of a CSV file named in the scenario; may raise InputError at the place.
+        fault: returns name and content of a fault as it is written; may raise InputError at the place.
     """
 
     signals: Signals
     truths: Mapping[str, Truth] = {}
     events: Mapping[str, EventKind] = {}
     profile: Callable[[str, Place], str] = no_profile
+    fault: Callable[[Mapping[str, object], Place], tuple[str, object]] = no_fault
 
     def truth(self, name: str, text: str, place: Place) -> Truth:
         """Return the quantity ``name``; raises InputError for an unknown one."""

@@ -5,15 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from hev_can_emu.errors import InputError
+from hev_can_emu.errors import InputError, did_you_mean
 from hev_can_emu.scenario import schema, script
 from hev_can_emu.scenario.expectation_schema import Value
 from hev_can_emu.scenario.place import Place
 from hev_can_emu.scenario.profile import read_profile
 from hev_can_emu.scenario.program import (
     Action,
+    Clear,
     Command,
     Hold,
+    Inject,
     Release,
     SendFrame,
     SendMessage,
@@ -41,6 +43,7 @@ class StimulusCompiler:
         self._values = values
         self._plays = plays
         self._tables = tables
+        self._faults: dict[str, None] = {}
 
     def actions(self, step: schema.Step, place: Place) -> Iterable[tuple[Signal, Action]]:
         """Yield what happens to signals."""
@@ -98,6 +101,23 @@ class StimulusCompiler:
                 yield SendMessage(message, key == "resume")
         for number, frame in enumerate(step.send):
             yield _frame(frame, place / "send" / number)
+        for number, name in enumerate(step.clear):
+            if name not in self._faults:
+                hint = did_you_mean(name, self._faults)
+                got = f"'{name}'"
+                raise (place / "clear" / number).refuse(
+                    "the name of a fault injected before", got, hint
+                )
+            yield Clear(name)
+        for number, written in enumerate(step.inject):
+            here = place / "inject" / number
+            fault = {
+                key: self._values.resolve(value) if isinstance(value, str) else value
+                for key, value in written.items()
+            }
+            label, parsed = self._values.scope.sources.fault(fault, here)
+            self._faults[label] = None
+            yield Inject(label, parsed, str(here))
 
     def _playable(self, name: str, place: Place) -> Signal:
         signal = self._values.signals.require(name, place)
