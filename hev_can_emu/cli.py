@@ -22,6 +22,7 @@ COMMANDS: tuple[tuple[str, str, str], ...] = (
     ("modes", "modes", "natural frequencies, damping and mode shapes"),
     ("step-response", "step_response", "full-order against reduced model after a torque step"),
     ("identify", "identify", "find driveline parameters from measured frequencies"),
+    ("components", "components", "the detailed model's components beside their known answers"),
     ("export", "export", "state-space matrices for controller design"),
     ("warm", "warm", "compile the kernels into the cache"),
 )
