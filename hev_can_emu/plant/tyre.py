@@ -7,12 +7,14 @@ beyond it whatever keeps the torque at ``T_max = mu*N*r``.  At standstill nothin
 a car that stands on a hill stays there.
 
 The driveline's step knows no slip.  After it, :func:`tyre_step` lets the patch creep over the same time, by
-the torque at the end of the step (implicit; order 1): twist runs off, and what the damper would have
+the mean torque of the step (implicit; order 1): twist runs off, and what the damper would have
 carried of the creep is given back to wheel and body.  Slip heat and the damper's correction are exactly
 the energy that goes.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -20,6 +22,8 @@ from numpy.typing import NDArray
 
 from hev_can_emu.jit import kernel
 from hev_can_emu.plant import checks
+from hev_can_emu.plant.road import GRAVITY
+from hev_can_emu.plant.structure import BODY, LEFT, REAR, RIGHT, Structure
 
 # Layout of the packed parameters.
 P_DT, P_STIFFNESS, P_DAMPING, P_SLIP_STIFFNESS, P_LIMIT = 0, 1, 2, 3, 4
@@ -34,19 +38,22 @@ _ROUNDS = 60
 
 
 class TyreSlipParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Slip of one tyre, or of an axle's tyres together.
+    """Slip of the tyres; all are alike.
 
     Attributes:
         slip_stiffness: longitudinal force over slip at small slip, as a share of the load, 1.
         friction: greatest longitudinal force over load, mu, 1.
+        front_load: share of the weight on the front axle, 1.
     """
 
     slip_stiffness: float
     friction: float
+    front_load: float
 
     def validate(self, where: str) -> None:
         """Raise :class:`hev_can_emu.errors.InputError` naming the first value that makes no sense."""
         checks.positive(where, self, "slip_stiffness", "friction")
+        checks.fraction(where, self, "front_load")
 
     def pack(
         self,
@@ -110,9 +117,11 @@ def tyre_step(
     ease_wheel = 0.0 if wheel_held > 0.5 else 1.0 / p[P_WHEEL_INERTIA]
     ease_body = 0.0 if body_held > 0.5 else 1.0 / p[P_BODY_INERTIA]
     rate = wheel - body
-    # Torque at the end: falls by ``give`` per slip speed.
+    # Torque in the middle of the creep, which is the mean of the whole step; falls by ``give`` per slip
+    # speed.  Without a damper that would swing for ever: then at the end.
     free = k * twist + c * rate
-    give = k * dt + c - c * c * dt * (ease_wheel + ease_body)
+    late = 1.0 - 0.5 * c / (c + k * dt)
+    give = late * k * dt + c - c * c * dt * (ease_wheel + ease_body)
     limit = p[P_LIMIT]
     roll = abs(body)
     size = abs(free)
@@ -152,3 +161,81 @@ def tyre_step(
     out[OUT_SLIP], out[OUT_TORQUE] = slip, free - give * slip
     out[OUT_SLIP_LOSS] = (k * mean_twist + c * (mean_rate - slip)) * crept
     out[OUT_DAMPER_CHANGE] = -c * crept * (2.0 * mean_rate - slip)
+
+
+class TyreSlip(NamedTuple):
+    """Constants of a driveline's k slipping tyres.
+
+    Attributes:
+        parameters: shape (k, N_PARAMETERS).
+        places: shape (k, 5): among the states that of the twist, of the wheel's and of the body's speed; the
+            wheel's lock; the branch.
+    """
+
+    parameters: NDArray[np.float64]
+    places: NDArray[np.int64]
+
+
+# Branch, wheel, lock; the last one exists only where the rear wheels are an inertia of their own.
+_TYRES = (("klw", "Jlw", LEFT), ("krw", "Jrw", RIGHT), ("krear", "Jrear", REAR))
+
+
+def build_tyre_slip(
+    structure: Structure, slip: TyreSlipParameters | None, radius: float, dt: float = 5e-5
+) -> TyreSlip:
+    """Return the constants for a driveline whose twists are all states; None: no tyre slips.
+
+    The loads are those of the car at rest on a level road.
+    """
+    rows, places = [], []
+    body = structure.names.index("Jv")
+    weight = structure.inertia[body] / radius**2 * GRAVITY
+    for branch, wheel, lock in _TYRES if slip is not None else ():
+        if slip is None or branch not in structure.branch_names:
+            continue
+        at, wheel_at = structure.branch_names.index(branch), structure.names.index(wheel)
+        share = 1.0 - slip.front_load if lock == REAR else 0.5 * slip.front_load
+        rows.append(
+            slip.pack(
+                share * weight, radius, structure.stiffness[0, at, at],
+                structure.damping[0, at, at], structure.inertia[wheel_at], structure.inertia[body], dt,
+            )
+        )  # fmt: skip
+        places.append((structure.n + at, wheel_at, body, lock, at))
+    return TyreSlip(
+        np.array(rows).reshape(-1, N_PARAMETERS), np.array(places, dtype=np.int64).reshape(-1, 5)
+    )
+
+
+@kernel
+def slip_tyres(
+    parameters: NDArray[np.float64],
+    places: NDArray[np.int64],
+    x: NDArray[np.float64],
+    held: NDArray[np.int64],
+    dampers: NDArray[np.float64],
+    work: NDArray[np.float64],
+) -> float:
+    """Let all tyres creep after a step of the driveline; return the slip heat, J.
+
+    Args:
+        parameters, places: of :class:`TyreSlip`.
+        x: the driveline's state, changed in place.
+        held: whether each lock holds.
+        dampers: heat of each branch's damper, J; corrected in place; empty where it is not booked.
+        work: scratch, at least ``3 + N_OUT``.
+    """
+    state, out = work[:3], work[3 : 3 + N_OUT]
+    heat = 0.0
+    for i in range(places.shape[0]):
+        for j in range(3):
+            state[j] = x[places[i, j]]
+        tyre_step(parameters[i], state, float(held[places[i, 3]]), float(held[BODY]), out)
+        if out[OUT_SLIP] == 0.0:
+            continue
+        for j in range(3):
+            x[places[i, j]] = state[j]
+        heat += out[OUT_SLIP_LOSS]
+        if dampers.shape[0] > 0:
+            dampers[places[i, 4]] += out[OUT_DAMPER_CHANGE]
+    return heat
