@@ -8,7 +8,7 @@ PYTHONS := python3.13 python3.12 python3.11 python3.14 python3 python
 UV_VERSION := 0.13.9
 
 # What tests need from the system (Debian's names); installed as root, otherwise named.
-SYSTEM_PACKAGES := can-utils iproute2 kmod mosquitto mosquitto-clients openssl tshark user-mode-linux
+SYSTEM_PACKAGES := chromium chromium-driver can-utils iproute2 kmod mosquitto mosquitto-clients openssl tshark user-mode-linux
 
 DEMO = $(BIN)/hev-can-emu scenario run scenarios/series_parallel.yaml --clock wall --bus socketcand --out out/demo
 WARM = $(BIN)/hev-can-emu warm

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-import msgspec
 import numpy as np
 
 from hev_can_emu.errors import InputError
@@ -72,7 +71,7 @@ def make_folder(text: str | None) -> Path | None:
 
 def print_result(result: Result) -> None:
     """Print the verdict table."""
-    from hev_can_emu.report.table import VerdictRow, print_verdicts
+    from hev_can_emu.report.table import VerdictRow, margin_text, print_verdicts
 
     rows = [
         VerdictRow(
@@ -81,7 +80,7 @@ def print_result(result: Result) -> None:
             None if verdict.instant_ns is None else verdict.instant_ns * 1e-9,
             verdict.expected,
             verdict.observed,
-            "" if verdict.margin is None else f"{verdict.margin:.4g} {verdict.margin_unit}".strip(),
+            margin_text(verdict.margin, verdict.margin_unit),
         )
         for verdict in result.verdicts
         if verdict.kind != "step" or verdict.outcome.value != "pass"
@@ -111,7 +110,8 @@ def print_ledger(ledger: Ledger) -> None:
     print(f"fuel burnt {ledger.fuel * 1e3:.2f} g")
 
 
-def _ledger_json(ledger: Ledger) -> dict[str, object]:
+def ledger_content(ledger: Ledger) -> dict[str, object]:
+    """Return the ledger for reports: unit, sums and terms."""
     return {
         "unit": "J",
         "moved": ledger.moved,
@@ -122,34 +122,6 @@ def _ledger_json(ledger: Ledger) -> dict[str, object]:
             for term in ledger.terms
         ],
     }
-
-
-def write_verdicts(path: Path, result: Result) -> None:
-    """Write the verdicts as JSON."""
-    rows = [
-        {
-            "kind": verdict.kind,
-            "name": verdict.name,
-            "outcome": verdict.outcome.value,
-            "instant_s": None if verdict.instant_ns is None else verdict.instant_ns * 1e-9,
-            "expected": verdict.expected,
-            "observed": verdict.observed,
-            "margin": verdict.margin,
-            "margin_unit": verdict.margin_unit,
-            "where": verdict.where,
-        }
-        for verdict in result.verdicts
-    ]
-    content: dict[str, object] = {
-        "scenario": result.name,
-        "outcome": result.outcome.value,
-        "car_time_s": result.car_s,
-        "trace": result.trace_hash,
-        "verdicts": rows,
-    }
-    if result.ledger is not None:
-        content["ledger"] = _ledger_json(result.ledger)
-    path.write_bytes(msgspec.json.format(msgspec.json.encode(content), indent=2) + b"\n")
 
 
 def draw(path: Path, log: SignalLog, playing: Playing, verdicts: list[Verdict]) -> None:

@@ -10,15 +10,17 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from hev_can_emu.commands._options import add_setup_arguments, make_setup
+from hev_can_emu.commands._options import add_setup_arguments, make_setup, seconds
 from hev_can_emu.errors import BusError, InputError
 
 if TYPE_CHECKING:
     from hev_can_emu.commands._result import Result
+    from hev_can_emu.report.run_report import RunReport
     from hev_can_emu.runtime.emulator import Emulator
     from hev_can_emu.runtime.playing import Playing
     from hev_can_emu.runtime.scenario_runs import Run
     from hev_can_emu.runtime.setup import Setup
+    from hev_can_emu.runtime.statistics import Statistics
     from hev_can_emu.runtime.virtual import FrameSink
 
 CLOCKS = ("virtual", "wall")
@@ -59,6 +61,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     run.add_argument(
         "--ledger", action="store_true", help="tell where the energy went (--model detailed)"
     )
+    run.add_argument(
+        "--slice",
+        metavar="S",
+        type=seconds,
+        help="with --out: a recording of so many seconds before and after each failure",
+    )
     add_setup_arguments(run)
 
 
@@ -73,12 +81,14 @@ def execute(arguments: argparse.Namespace) -> int:
         )
 
     from hev_can_emu.bus.open import open_bus
+    from hev_can_emu.commands._reports import write_whole
     from hev_can_emu.commands._result import make_folder, print_ledger, print_result
     from hev_can_emu.resources import folder, shipped_or_path
     from hev_can_emu.telemetry.recorder import check_ending
 
-    if arguments.record and arguments.out is None:
-        raise InputError("--record", "--out DIR beside it", "none")
+    for name in ("record", "slice"):
+        if getattr(arguments, name) and arguments.out is None:
+            raise InputError(f"--{name}", "--out DIR beside it", "none")
     for ending in arguments.record:
         check_ending(ending)
     paths = [shipped_or_path(name, folder("scenarios"), "scenario run") for name in arguments.files]
@@ -92,15 +102,22 @@ def execute(arguments: argparse.Namespace) -> int:
             playing.emulator.ledger()
     codes: list[int] = []
     used: set[str] = set()
+    reports: list[tuple[RunReport, str]] = []
     for path, label, playing in prepared:
         bus = arguments.bus or playing.scenario.bus
         wall = clock == "wall" or (clock is None and bus is not None)
         stem = _stem(f"{path.stem} {label}".strip(), used)
-        result = _run(playing, (bus or "socketcand") if wall else None, out, stem, arguments)
+        result, report = _run(
+            playing, (bus or "socketcand") if wall else None, out, stem, arguments
+        )
         print_result(result)
         if arguments.ledger and result.ledger is not None:
             print_ledger(result.ledger)
         codes.append(result.outcome.exit_code)
+        if report is not None:
+            reports.append((report, stem))
+    if out is not None:
+        write_whole(out, ", ".join(dict.fromkeys(path.stem for path in paths)), reports)
     # As severe as the worst: unusable, fail, inconclusive, pass.
     return next((code for code in (2, 1, 3) if code in codes), 0)
 
@@ -191,46 +208,72 @@ def _car(
 
 def _run(
     playing: Playing, bus: str | None, out: Path | None, stem: str, arguments: argparse.Namespace
-) -> Result:
-    from hev_can_emu.commands._result import Result, draw, write_verdicts
-    from hev_can_emu.runtime.recording import Recording
-    from hev_can_emu.runtime.signal_log import SignalLog
+) -> tuple[Result, RunReport | None]:
+    from hev_can_emu.commands._reports import command_of, write_run, write_slices
+    from hev_can_emu.commands._result import Result, draw, ledger_content
+    from hev_can_emu.runtime.recording import Recording, network_of
+    from hev_can_emu.runtime.reporting import RunLog, make_report
     from hev_can_emu.runtime.virtual import play_virtual
+    from hev_can_emu.telemetry.recorder import FORMATS
 
-    emulator, player = playing.emulator, playing.player
+    emulator = playing.emulator
     # Virtual time has no date: its recordings start at zero, and repeat to the byte.
     epoch_ns = 0 if bus is None else time.time_ns()
-    paths: list[Path] = []
-    log: SignalLog | None = None
-    if out is not None:
-        paths = [out / f"{stem}{ending}" for ending in arguments.record or (".blf", ".log")]
-        log = SignalLog(emulator.database, emulator.constants.codec)
-    recording = Recording(emulator, paths, epoch_ns)
+    endings: list[str] = arguments.record or [".blf", ".log"] if out is not None else []
+    files = [f"{stem}{ending}" for ending in endings]
+    log = RunLog(playing) if out is not None else None
+    recording = Recording(emulator, [out / name for name in files] if out else [], epoch_ns)
     sinks = recording.sinks if log is None else [*recording.sinks, log.add]
     started = time.monotonic()
     trace = ""
+    statistics: Statistics | None = None
     try:
         if bus is None:
-            trace = play_virtual(playing, sinks, recording.longest_ns)
+            longest = [each.longest_ns for each in (recording, log) if each is not None]
+            trace = play_virtual(playing, sinks, min(filter(None, longest), default=None))
         else:
-            _in_wall_time(playing, bus, epoch_ns, sinks)
+            statistics = _in_wall_time(playing, bus, epoch_ns, sinks)
     finally:
         recording.close()
-    wall = time.monotonic() - started
-    verdicts = player.verdicts()
+    wall_s = time.monotonic() - started
+    run = playing.result(trace)
     result = Result(
-        playing.scenario.name, verdicts, player.outcome, emulator.now_ns * 1e-9, wall, trace,
+        run.name, list(run.verdicts), run.outcome, emulator.now_ns * 1e-9, wall_s, trace,
         emulator.ledger() if emulator.keeps_ledger else None,
     )  # fmt: skip
-    if out is not None and log is not None:
-        write_verdicts(out / f"{stem}.json", result)
-        if not arguments.no_plot:
-            draw(out / f"{stem}.png", log, playing, verdicts)
-        print(f"recordings, verdicts and picture: {out}/{stem}.*")
-    return result
+    if out is None or log is None:
+        return result, None
+    if arguments.slice is not None:
+        kind = next((each for each in endings if each.lower() in FORMATS), ".log")
+        files += write_slices(
+            out, stem, kind, arguments.slice, run, log.signals, network_of(emulator), epoch_ns
+        )
+    report = make_report(
+        playing,
+        run,
+        log,
+        wall_s=wall_s,
+        clock="virtual" if bus is None else f"wall ({bus})",
+        command=command_of(arguments, run, tuple(playing.scenario.matrix)),
+        started="" if bus is None else _date(epoch_ns),
+        statistics=statistics,
+        files=files,
+        ledger=None if result.ledger is None else ledger_content(result.ledger),
+    )
+    write_run(out, stem, report)
+    if not arguments.no_plot:
+        draw(out / f"{stem}.png", log.signals, playing, list(run.verdicts))
+    print(f"report, recordings and picture: {out}/{stem}.*")
+    return result, report
 
 
-def _in_wall_time(playing: Playing, bus: str, epoch_ns: int, sinks: list[FrameSink]) -> None:
+def _date(epoch_ns: int) -> str:
+    from datetime import datetime
+
+    return datetime.fromtimestamp(epoch_ns // 1_000_000_000).astimezone().isoformat(sep=" ")
+
+
+def _in_wall_time(playing: Playing, bus: str, epoch_ns: int, sinks: list[FrameSink]) -> Statistics:
     import asyncio
 
     from hev_can_emu.bus.open import open_bus
@@ -239,7 +282,7 @@ def _in_wall_time(playing: Playing, bus: str, epoch_ns: int, sinks: list[FrameSi
 
     progress = PlayProgress(playing)
 
-    async def serve() -> None:
+    async def serve() -> Statistics:
         service = Service(
             playing.emulator,
             lambda now_ns: open_bus(bus, now_ns, epoch_ns=epoch_ns),
@@ -258,5 +301,6 @@ def _in_wall_time(playing: Playing, bus: str, epoch_ns: int, sinks: list[FrameSi
             playing.player.finish(playing.emulator.now_ns, "interrupted")
         service.tell()
         progress.end(service.statistics)
+        return service.statistics
 
-    asyncio.run(serve())
+    return asyncio.run(serve())

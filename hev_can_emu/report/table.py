@@ -40,6 +40,11 @@ class VerdictRow(NamedTuple):
     margin: str = ""
 
 
+def margin_text(margin: float | None, unit: str) -> str:
+    """Return a margin for people; empty where there is none."""
+    return "" if margin is None else f"{margin:.4g} {unit}".strip()
+
+
 def verdict_table(rows: Sequence[VerdictRow], title: str) -> Table:
     """Return the table; its caption counts the verdicts."""
     table = Table(

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hev_can_emu.plant.powertrain import TRUTH
+from hev_can_emu.plant.truth_units import truth_unit
 from hev_can_emu.runtime.emulator import Emulator
 from hev_can_emu.runtime.virtual import FrameSink
 from hev_can_emu.telemetry.recorder import Recorder, open_recorder
@@ -20,7 +21,8 @@ TRUTH_NS = 10_000_000  #: distance of samples of the plant's truth
 
 def network_of(emulator: Emulator) -> Network:
     """Return what decoded signals of this car mean."""
-    return Network(emulator.database, emulator.constants.codec, TRUTH)
+    units = [truth_unit(name) for name in TRUTH]
+    return Network(emulator.database, emulator.constants.codec, TRUTH, units)
 
 
 class Recording:

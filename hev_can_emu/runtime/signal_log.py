@@ -8,6 +8,8 @@ import numpy.typing as npt
 from hev_can_emu.jit import kernel
 from hev_can_emu.messages.codec import Codec, decode
 from hev_can_emu.messages.database import Database
+from hev_can_emu.messages.definitions import MessageDef
+from hev_can_emu.messages.frame import EXTENDED, make_frames
 
 
 @kernel
@@ -31,18 +33,54 @@ class SignalLog:
         self._database = database
         self._codec = codec
         self._parts: list[npt.NDArray[np.void]] = []
+        self._sorted: dict[int, npt.NDArray[np.void]] = {}
+        self.count = 0  #: frames kept
 
     def add(self, frames: npt.NDArray[np.void], count: int) -> None:
         """Keep frames (FRAME records; copied)."""
         if count:
             self._parts.append(frames[:count].copy())
+            self._sorted.clear()
+            self.count += count
+
+    def instants_ns(self, message: MessageDef) -> npt.NDArray[np.int64]:
+        """Return when a message was on the bus."""
+        t_ns: npt.NDArray[np.int64] = self._of(message)["t_ns"]
+        return t_ns
+
+    def between(self, start_ns: int, stop_ns: int) -> npt.NDArray[np.void]:
+        """Return all frames from an instant up to but not at another."""
+        frames = self._whole()
+        first, last = np.searchsorted(frames["t_ns"], [start_ns, stop_ns])
+        return frames[first:last]
+
+    def _whole(self) -> npt.NDArray[np.void]:
+        """Return all frames as one array, in order of time."""
+        if len(self._parts) != 1:
+            joined = np.concatenate(self._parts) if self._parts else make_frames(0)
+            self._parts = [joined[np.argsort(joined["t_ns"], kind="stable")]]
+        return self._parts[0]
+
+    def _of(self, message: MessageDef) -> npt.NDArray[np.void]:
+        """Return a message's frames; all messages are told apart at once, as reports ask for many."""
+        if not self._sorted:
+            frames = self._whole()
+            keys = frames["id"] | (frames["flags"] & EXTENDED).astype(np.uint32) << 29
+            order = np.argsort(keys, kind="stable")
+            unique, starts = np.unique(keys[order], return_index=True)
+            parts = np.split(order, starts[1:])
+            self._sorted = {
+                int(key): frames[part] for key, part in zip(unique, parts, strict=True) if len(part)
+            }
+        key = message.can_id | int(message.extended) << 29
+        return self._sorted.get(key, make_frames(0))
 
     def series(self, name: str) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
         """Return instants, s, and physical values of a signal; raises InputError for an unknown one."""
         signal = self._database.signal(name)
         message = self._database.messages[signal.message_index]
-        parts = [part[part["id"] == message.can_id] for part in self._parts]
-        frames = np.concatenate(parts) if parts else np.zeros(0, dtype=np.void)
+        frames = self._of(message)
+        frames = frames[frames["length"] == message.wire_length]
         if not len(frames):
             return np.zeros(0), np.zeros(0)
         values = np.full(self._codec.signals.shape[0], np.nan)

@@ -38,15 +38,16 @@ TIME = "time_s"  #: the first column: seconds since the run's start
 
 
 class Network(NamedTuple):
-    """What a table needs to know: the messages, and the names of the plant's quantities."""
+    """What a table needs to know: the messages, and names and units of the plant's quantities."""
 
     database: Database
     codec: Codec
     truth: Sequence[str] = ()
+    truth_units: Sequence[str] = ()
 
 
 class Column(NamedTuple):
-    """A column: its name, and its unit as the network gives it (empty: none, or SI for truth)."""
+    """A column: its name, and its unit as the network gives it (empty: none)."""
 
     name: str
     unit: str
@@ -70,7 +71,9 @@ class Rows(NamedTuple):
 def columns_of(network: Network) -> list[Column]:
     """Return the columns behind the time: all signals, then all quantities of the plant."""
     signals = [Column(signal.qualified_name, signal.unit) for signal in network.database.signals]
-    return signals + [Column(TRUTH + name, "") for name in network.truth]
+    units = network.truth_units or [""] * len(network.truth)
+    pairs = zip(network.truth, units, strict=True)
+    return signals + [Column(TRUTH + name, unit) for name, unit in pairs]
 
 
 @kernel

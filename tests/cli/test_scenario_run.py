@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -112,7 +113,14 @@ def test_the_worst_of_several_counts(short: Path, capsys: pytest.CaptureFixture[
     assert main(["scenario", "run", str(bad), str(short), "--out", "results"]) == 1
     capsys.readouterr()
     made = {path.name for path in Path("results").iterdir()}
-    assert made == {f"{n}{e}" for n in ("bad", "short") for e in (".blf", ".log", ".json", ".png")}
+    endings = (".blf", ".log", ".json", ".png", ".html")
+    assert made == {f"{n}{e}" for n in ("bad", "short") for e in endings} | {
+        "junit.xml",
+        "index.html",
+    }
+    index = Path("results/index.html").read_text()
+    assert 'href="bad.html"' in index
+    assert "FAIL: bad, short" in index
 
 
 @pytest.mark.realtime
@@ -124,7 +132,11 @@ def test_in_wall_time_it_is_judged_alike_and_leaves_the_same_kinds_of_files(
     assert "a short pull: PASS" in out
     assert "400 ticks" in err or "401 ticks" in err
     assert "\r" not in err  # no bar where there is no terminal
-    assert len(list(Path("results").iterdir())) == 4
+    assert len(list(Path("results").iterdir())) == 6
+    told = json.loads(Path("results/short.json").read_text())
+    assert told["clock"] == "wall (loopback)"
+    assert "overruns" in told["timing"]["Ticks"]
+    assert told["started"] > "2020"
 
 
 def test_a_run_tells_what_it_was_and_what_happened(short: Path) -> None:
@@ -144,3 +156,48 @@ def test_a_run_tells_what_it_was_and_what_happened(short: Path) -> None:
     ]
     told = [(event.kind, event.text) for event in result.events]
     assert told[-1] == ("lost", "HCU_EM1Request: timed out")
+
+
+def test_the_report_tells_how_to_run_it_again(short: Path) -> None:
+    options = ["--model", "4dof", "--node", "MCU1=silent"]
+    assert main(["scenario", "run", str(short), *options, "--out", "results", "--no-plot"]) == 0
+    told = json.loads(Path("results/short.json").read_text())
+    assert told["command"] == f"hev-can-emu scenario run {short} --model 4dof --node MCU1=silent"
+    assert told["command"] in Path("results/short.html").read_text()
+    words = told["command"].split()[1:]
+    assert main([*words, "--out", "again", "--no-plot"]) == 0
+    assert json.loads(Path("again/short.json").read_text())["trace"] == told["trace"]
+
+
+def test_a_slice_surrounds_each_failure(short: Path) -> None:
+    short.write_text(SHORT.replace("> 90 Nm", "> 110 Nm"))
+    wanted = ["--record", ".mf4", "--record", ".log", "--slice", "0.05"]
+    assert main(["scenario", "run", str(short), "--out", "results", "--no-plot", *wanted]) == 1
+    failed = json.loads(Path("results/short.json").read_text())
+    assert failed["recordings"] == ["short.mf4", "short.log", "short.slice1.mf4"]
+    with can.LogReader("results/short.slice1.mf4") as reader:
+        part = [(f.timestamp, f.arbitration_id, bytes(f.data)) for f in reader]
+    with can.LogReader("results/short.log") as reader:
+        whole = [(f.timestamp, f.arbitration_id, bytes(f.data)) for f in reader]
+    expected = [f for f in whole if f[0] >= 0.3 - 1e-9]  # decided at 350 ms; over at 400
+    assert part == [(pytest.approx(t), i, data) for t, i, data in expected]
+    assert main(["scenario", "run", str(short), "--slice", "1"]) == 2
+
+
+def test_each_run_of_a_matrix_can_be_repeated_alone(short: Path) -> None:
+    text = SHORT.replace("100 Nm", "torque").replace("> 90 Nm", "> 0.9 * torque")
+    short.write_text(
+        text + "parameters: {torque: 60 Nm}\nmatrix: {torque: [50 Nm, 100 Nm], model: [4dof]}\n"
+    )
+    assert main(["scenario", "run", str(short), "--out", "results", "--no-plot"]) == 0
+    told = [json.loads(path.read_text()) for path in sorted(Path("results").glob("*.json"))]
+    assert [run["parameters"]["torque"] for run in told] == ["100 Nm", "50 Nm"]
+    index = Path("results/index.html").read_text()
+    assert "<th>torque</th>" in index
+    assert "2 runs" in index
+    for run in told:
+        words = shlex.split(run["command"])[1:]
+        assert f"torque={run['parameters']['torque']}" in words
+        assert main([*words, "--out", "again", "--no-plot"]) == 0
+        again = [json.loads(path.read_text()) for path in Path("again").glob("*.json")]
+        assert run["trace"] in [each["trace"] for each in again]

@@ -88,12 +88,14 @@ def test_the_truth_is_beside_the_signals(path: Path) -> None:
 
 def test_units_are_told(path: Path) -> None:
     if path.suffix == ".csv":
-        assert "ESC_Vehicle.VehicleSpeed [km/h]" in path.read_text().splitlines()[0].split(",")
+        heads = path.read_text().splitlines()[0].split(",")
+        assert {"ESC_Vehicle.VehicleSpeed [km/h]", "truth.vehicle_speed [m/s]"} <= set(heads)
     else:
         from pyarrow import parquet
 
-        field = parquet.read_schema(path).field("ESC_Vehicle.VehicleSpeed")
-        assert field.metadata == {b"unit": b"km/h"}
+        schema = parquet.read_schema(path)
+        assert schema.field("ESC_Vehicle.VehicleSpeed").metadata == {b"unit": b"km/h"}
+        assert schema.field("truth.vehicle_speed").metadata == {b"unit": b"m/s"}
 
 
 def test_the_frames_come_back_to_the_byte(path: Path) -> None:
