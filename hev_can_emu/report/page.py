@@ -60,14 +60,11 @@ def write_index(path: Path, title: str, reports: Sequence[tuple[RunReport, str]]
     Raises:
         InputError: jinja2 is not installed, or the file cannot be written.
     """
-    common = [
-        name
-        for name in (reports[0][0].parameters if reports else ())
-        if all(name in report.parameters for report, _ in reports)
+    settings = [
+        {**report.parameters, **report.car, "seed": str(report.seed)} for report, _ in reports
     ]
-    varied = [
-        name for name in common if len({report.parameters[name] for report, _ in reports}) > 1
-    ]
+    common = [name for name in settings[0] if all(name in each for each in settings)]
+    varied = [name for name in common if len({each[name] for each in settings}) > 1]
     counts = {
         outcome.value: sum(report.outcome is outcome for report, _ in reports) for outcome in _ORDER
     }
