@@ -68,10 +68,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="with --out: a recording of so many seconds before and after each failure",
     )
     add_setup_arguments(run)
+    schema = actions.add_parser(
+        "schema", help="print the JSON Schema of scenario files, for editors and checks"
+    )
+    schema.add_argument(
+        "--dbc",
+        metavar="FILE",
+        help="network whose signals it names (default: the shipped hev.dbc)",
+    )
 
 
 def execute(arguments: argparse.Namespace) -> int:
-    """Run every scenario; the worst outcome gives the exit code."""
+    """Run every scenario; the worst outcome gives the exit code.  Or print the schema."""
+    if arguments.action == "schema":
+        return _print_schema(arguments.dbc)
     clock = arguments.clock
     if clock is not None and clock not in CLOCKS:
         raise InputError("--clock", "one of virtual, wall", f"'{clock}'")
@@ -122,6 +132,19 @@ def execute(arguments: argparse.Namespace) -> int:
     return next((code for code in (2, 1, 3) if code in codes), 0)
 
 
+def _print_schema(dbc: str | None) -> int:
+    from hev_can_emu.messages.database import load_database
+    from hev_can_emu.resources import folder
+    from hev_can_emu.runtime.scenario_schema import schema_text
+
+    if dbc is None:
+        text = (folder("scenarios") / "scenario.schema.json").read_text()
+    else:
+        text = schema_text(load_database(Path(dbc)).messages)
+    print(text, end="")
+    return 0
+
+
 def _stem(name: str, used: set[str]) -> str:
     """Return a name for a run's files that no earlier run of this command has."""
     base = re.sub(r"[^A-Za-z0-9_.=-]+", "_", name)
@@ -145,14 +168,15 @@ _HEAD = {
 def _prepare(arguments: argparse.Namespace, paths: list[Path]) -> list[tuple[Path, str, Playing]]:
     """Read all scenarios and build their cars, alike ones once; raises InputError."""
     from hev_can_emu.runtime.playing import Playing
-    from hev_can_emu.runtime.scenario_runs import read_runs
+    from hev_can_emu.runtime.scenario_runs import HEAD, read_runs
 
     if arguments.seed is not None and arguments.seed < 0:
         raise InputError("--seed", "0 or more", f"{arguments.seed}")
     cars: list[tuple[Setup, Emulator, bytes]] = []
     prepared = []
+    told = [key for key in HEAD if getattr(arguments, key) is not None]
     for path in paths:
-        for run in read_runs(path, _parameters(arguments)):
+        for run in read_runs(path, _parameters(arguments), told):
             emulator, start = _car(arguments, run, cars)
             scenario = run.scenario
             if arguments.seed is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -47,12 +47,15 @@ def read_scenario(path: Path) -> tuple[Document, Scenario]:
     return document, document.convert(Scenario)
 
 
-def read_runs(path: Path, parameters: Mapping[str, str] | None = None) -> list[Run]:
+def read_runs(
+    path: Path, parameters: Mapping[str, str] | None = None, head: Collection[str] = ()
+) -> list[Run]:
     """Read a scenario file and return its runs, in the order of the matrix, its last key fastest.
 
     Args:
         path: of the file.
         parameters: values that replace those of the file, and take their names out of the matrix.
+        head: fields of the head that are told elsewhere; they leave the matrix, too.
 
     Raises:
         InputError: the file cannot be used; a parameter that it does not have.
@@ -63,8 +66,9 @@ def read_runs(path: Path, parameters: Mapping[str, str] | None = None) -> list[R
         if name not in scenario.parameters:
             hint = did_you_mean(name, scenario.parameters)
             raise InputError("--set", f"a parameter of {path}", f"'{name}'", hint)
-    matrix = {key: values for key, values in scenario.matrix.items() if key not in given}
-    _check(document, scenario, matrix)
+    _check(document, scenario, scenario.matrix)
+    told = {*given, *head}
+    matrix = {key: values for key, values in scenario.matrix.items() if key not in told}
     runs = []
     for numbers in itertools.product(*(range(len(values)) for values in matrix.values())):
         chosen = dict(zip(matrix, numbers, strict=True))

@@ -35,6 +35,7 @@ from hev_can_emu.runtime.virtual import FrameSink
 RECEIVE_FRAMES = 8192
 STALL_NS = 1_000_000_000
 SWITCH_S = 2e-4  #: how long another thread may keep the tick waiting for the interpreter, s
+TOO_LATE_MS = 100.0  #: a tick so late can cost the other side its time-outs
 LATE_TICKS = 3  #: from here on a late loop reads its sockets before it catches up
 
 
@@ -125,8 +126,22 @@ class Service:
                     await self._tick_until_stopped()
                     for task in beside:
                         task.cancel()
+        self.judge_clock()
         if self._failure is not None:
             raise self._failure
+
+    def judge_clock(self) -> None:
+        """Let a scenario's failures not count where the host was too slow to tell."""
+        statistics = self.statistics
+        late_ms = statistics.lateness.largest_us * 1e-3
+        if self._playing is None or (late_ms < TOO_LATE_MS and not statistics.stalls):
+            return
+        observed = f"a tick {late_ms:.0f} ms late"
+        if statistics.stalls:
+            observed = f"a stall of {statistics.stalled_ns * 1e-9:.1f} s"
+        self._playing.player.distrust(
+            self.emulator.now_ns, observed, f"no tick {TOO_LATE_MS:g} ms late"
+        )
 
     def _interrupt(self) -> None:
         self.interrupted = True

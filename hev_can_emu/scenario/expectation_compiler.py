@@ -89,8 +89,9 @@ class ExpectationCompiler:
             raise (place / "max").refuse(f"{each.min} or more, as 'min' says", f"{each.max}")
         if each.max is None and each.min == 0:
             raise place.refuse("'min' or 'max'", "none", "anything would do")
+        least = f" at least {each.min}" if each.min else ""
         most = "" if each.max is None else f" at most {each.max}"
-        head = self._head(f"count: {each.of} at least {each.min}{most} times", condition)
+        head = self._head(f"count: {each.of}{least}{most} times", condition)
         return lambda: expectations.Count(head, condition, each.min, each.max)
 
     def _sequence(self, each: schema.Sequence, place: Place) -> Make:

@@ -7,12 +7,15 @@ from types import SimpleNamespace
 
 import pytest
 
+from hev_can_emu import config
 from hev_can_emu.bus.loopback import LoopbackHub
 from hev_can_emu.messages.frame import frame
 from hev_can_emu.messages.named import NamedCodec
 from hev_can_emu.runtime import service as module
 from hev_can_emu.runtime.emulator import Emulator
+from hev_can_emu.runtime.playing import Playing
 from hev_can_emu.runtime.setup import Setup
+from hev_can_emu.scenario.schema import Scenario
 
 MS = 1_000_000
 
@@ -47,3 +50,45 @@ def test_frames_read_after_a_stall_refresh_the_time_outs_of_the_missed_ticks(
 
     # With the sender gone during the stall the loss is real, and told.
     assert asyncio.run(play()) == ([] if sending else ["lost"])
+
+
+FAILING = """\
+version: 1
+name: test
+duration: 300 ms
+expectations:
+- {always: t < 50 ms}
+- {always: t >= 0 s}
+"""
+
+
+@pytest.mark.parametrize(("stall", "outcomes"), [(20, ["fail", "pass"]), (150, None)])
+def test_a_host_too_slow_makes_a_failure_inconclusive(
+    stall: int, outcomes: list[str] | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = SimpleNamespace(now=0)
+    monkeypatch.setattr(module, "time", SimpleNamespace(monotonic_ns=lambda: clock.now))
+    document = config.parse(FAILING)
+    playing = Playing(
+        Emulator(Setup(nodes={"HCU": "emulated"})), document, document.convert(Scenario)
+    )
+
+    async def play() -> None:
+        service = module.Service(playing.emulator, LoopbackHub().endpoint, playing=playing)
+        async with service.bus:
+            for length in [1] * 100 + [stall] + [1] * 300:
+                clock.now += length * MS
+                service._due()
+                await asyncio.sleep(0)
+        service.judge_clock()
+
+    asyncio.run(play())
+    verdicts = playing.player.verdicts()
+    if outcomes is None:
+        assert [v.outcome.value for v in verdicts] == ["inconclusive", "inconclusive", "pass"]
+        assert verdicts[0].name == "the host keeps up"
+        assert verdicts[0].expected == "no tick 100 ms late"
+        assert verdicts[1].observed.endswith("; not told against: a tick 149 ms late")
+        assert playing.player.outcome.exit_code == 3
+    else:
+        assert [v.outcome.value for v in verdicts] == outcomes

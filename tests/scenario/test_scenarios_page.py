@@ -42,7 +42,7 @@ def network() -> Signals:
 
 
 def test_the_page_has_examples() -> None:
-    assert len(EXAMPLES) == 4
+    assert len(EXAMPLES) == 5
 
 
 @pytest.mark.parametrize("number", range(len(EXAMPLES)))
@@ -56,7 +56,7 @@ def test_example(number: int, network: Signals, bench: Any) -> None:
 
 def test_speed_matching_follows_the_wheel(network: Signals, bench: Any) -> None:
     bench.signals = network
-    bench.play(EXAMPLES[1], BUS)
+    bench.play(EXAMPLES[2], BUS)
     sent = {ms: value for ms, name, value in bench.sent if name == "EM1SpeedRequest"}
     assert sent[2000] == pytest.approx(12 / 3.6 / 0.32 * 9.1 * 30 / math.pi)
 
