@@ -13,6 +13,7 @@ from hev_can_emu.ecu import hydraulic_control as valves
 from hev_can_emu.ecu import shift_control as c
 from hev_can_emu.errors import InputError
 from hev_can_emu.plant import hydraulics as h
+from hev_can_emu.plant import shifting
 from hev_can_emu.plant import sleeve as s
 from hev_can_emu.plant import torque_source as source
 
@@ -39,7 +40,7 @@ class Unit(Box):
         )
         valves.control_start(self.xv, 0.0)
         self.clutch = hydraulic.WET_CLUTCH.pack(self.dt)
-        self.inputs = np.zeros(valves.N_IN)
+        self.inputs, self.seen = np.zeros(valves.N_IN), np.zeros(shifting.N_STATE)
         self.phases, self.begun = [c.NEUTRAL], {}
         self.hardest = 0.0
 
@@ -60,7 +61,10 @@ class Unit(Box):
         )
         valves.hydraulic_control_step(self.pv, self.xv, self.clutch, self.inputs, self.set)
         for _ in range(PER_TICK):
-            self.step(self.oil[h.OUT_SHIFT_FORCE], self.oil[h.OUT_SHIFT_STIFFNESS])
+            stiffness = self.oil[h.OUT_SHIFT_STIFFNESS]
+            self.seen[s.X_POSITION] = self.x[s.X_POSITION]
+            push = shifting.foreseen_force(self.seen, self.oil[h.OUT_SHIFT_FORCE], stiffness)
+            self.step(push, stiffness)
             h.hydraulics_step(
                 self.ph, self.xh, *self.set[: valves.OUT_PUMP + 1], self.x[s.X_POSITION], self.oil
             )
@@ -161,11 +165,11 @@ def test_grating_is_told_and_given_up():
 
 
 def test_tooth_on_tooth_is_told_and_ends_when_something_turns():
-    rough = msgspec.structs.replace(SLEEVE, chamfer_friction=0.45)
-    unit = Unit(1, slip=5.0, place=0.05, parameters=rough).ask(1, 700.0, until=c.TOOTH_ON_TOOTH)
+    rough = msgspec.structs.replace(SLEEVE, chamfer_friction=0.5)
+    unit = Unit(1, slip=5.0, place=0.02, parameters=rough).ask(1, 700.0, until=c.TOOTH_ON_TOOTH)
     assert unit.phases == [*ENGAGING[:-1], c.TOOTH_ON_TOOTH]
     unit.ask(1, 700.0, 100)
-    unit.load = -math.copysign(6.0, unit.angle)
+    unit.load = -math.copysign(12.0, s.wrap_pitch(unit.angle, rough.pitch))
     unit.ask(1, 700.0, until=c.ENGAGED)
     assert unit.phases[-2:] == [c.TRAVEL, c.ENGAGED]
     assert abs(unit.angle) <= rough.half_clearance + 1e-9
