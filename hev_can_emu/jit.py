@@ -23,6 +23,7 @@ from typing import Any, TypeVar, cast
 
 import numba
 import numba.core.config
+import numba.core.options
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -31,6 +32,10 @@ numba_config: Any = numba.core.config
 locators: Any = numba.core.caching
 
 JIT_DISABLED = bool(numba_config.DISABLE_JIT)
+
+# Without Numba's own run time references to arrays are not counted, which would cost several times the
+# work where tuples of arrays are handed on.  Not a public option: a Numba without it is slower, no more.
+_UNCOUNTED = {"_nrt": False} if hasattr(numba.core.options.DefaultOptions, "_nrt") else {}
 
 _PACKAGE = Path(__file__).resolve().parent
 _NAME = _PACKAGE.name
@@ -126,9 +131,15 @@ class KernelLocator(locators.UserProvidedCacheLocator):  # type: ignore[misc]
 def kernel(function: F) -> F:
     """Compile ``function`` with Numba on first call: no Python objects, strict floating point.
 
-    Never ``fastmath`` and never parallel: the same inputs give the same bits.
+    Never ``fastmath`` and never parallel: the same inputs give the same bits.  No references are
+    counted, so it cannot allocate.
     """
-    return _compile(function, no_cpython_wrapper=False)
+    return _compile(function)
+
+
+def counting_kernel(function: F) -> F:
+    """Compile as :func:`kernel` does, for one that allocates or opens a structure; off the hot path."""
+    return _compile(function, **dict.fromkeys(_UNCOUNTED, True))
 
 
 def inner_kernel(function: F) -> F:
@@ -179,7 +190,7 @@ def _compile(function: F, **options: Any) -> F:
         setattr(numba_config, name, value)
     try:
         njit: Any = numba.njit
-        compiled = njit(cache=True, error_model="numpy", **options)(function)
+        compiled = njit(cache=True, error_model="numpy", **{**_UNCOUNTED, **options})(function)
     finally:
         for name, value in previous.items():
             setattr(numba_config, name, value)

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from hev_can_emu.jit import borrowed, kernel
+from hev_can_emu.jit import borrowed, counting_kernel, kernel
 from hev_can_emu.plant.linear import held_speeds, state_space
 from hev_can_emu.plant.structure import (
     LOCKS,
@@ -99,7 +99,7 @@ def _multiply(a: Array, b: Array, out: Array) -> None:
                     out[i, j] += factor * b[k, j]
 
 
-@kernel
+@counting_kernel
 def exponential_ladder(matrix: Array, halvings: int, levels: int, terms: int, out: Array) -> None:
     """Fill ``out[k]`` with ``exp(matrix * 2^k) - 1`` for k = 0 .. levels.
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from hev_can_emu.jit import kernel
+from hev_can_emu.jit import counting_kernel, kernel
 from hev_can_emu.plant import teeth
 from hev_can_emu.plant.bank import Bank
 from hev_can_emu.plant.events import note
@@ -60,7 +60,7 @@ def row_of(state: Integers, extras: Extras | None = None) -> int:
     return int(row)
 
 
-@kernel
+@counting_kernel
 def set_row(bank: Bank, x: Array, state: Integers, row: int) -> float:
     """Go to configuration ``row``: keep momentum and half-shaft torque; return the energy lost, J."""
     n = bank.inertia.shape[0]
@@ -115,7 +115,7 @@ def slide(
     u[N_PORTS + lock] = pair - state[SIGN + lock] * max(kinetic[lock], 0.0)
 
 
-@kernel
+@counting_kernel
 def try_to_hold(
     bank: Bank,
     x: Array,

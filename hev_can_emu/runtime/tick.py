@@ -35,7 +35,7 @@ from hev_can_emu.ecu.supervision import REFUSED as SUP_REFUSED
 from hev_can_emu.ecu.supervision import take_message, watch
 from hev_can_emu.ecu.ties import ResolvedBindings, message_from_statuses, sent_value
 from hev_can_emu.ecu.transmission_unit import TransmissionUnit
-from hev_can_emu.jit import JIT_DISABLED, borrowed, inner_kernel, kernel
+from hev_can_emu.jit import JIT_DISABLED, borrowed, counting_kernel, inner_kernel, kernel
 from hev_can_emu.messages.codec import (
     M_COUNT,
     M_FIRST,
@@ -466,13 +466,13 @@ else:
     define_proxy: Any = structref.define_proxy
     define_proxy(World, _WorldType, ["constants", "state", "script"])
 
-    @kernel
+    @counting_kernel
     def make_world(constants: Constants, state: State, script: Script) -> Any:
         """Return all as one argument for :func:`run_world`."""
         return World(constants, state, script)
 
 
-@kernel
+@counting_kernel
 def run_world(world: Any, ticks: int, frames_in: Frames, n_in: int) -> Any:
     """Advance as :func:`run_ticks` does, with what :func:`make_world` made."""
     return run_ticks(world.constants, world.state, ticks, frames_in, n_in, world.script)
