@@ -70,10 +70,11 @@ def count_bits(frames: npt.NDArray[np.void], i: int) -> Any:
     counted as nominal and the CRC delimiter as data: each is sent in part at both rates, and together
     they take one bit of each.
     """
-    flags = np.int64(frames[i]["flags"])
-    length = np.int64(frames[i]["length"])
+    flags: Any = np.int64(frames[i]["flags"])
+    length: Any = np.int64(frames[i]["length"])
+    can_id: Any = np.int64(frames[i]["id"])
     bits = np.empty(16 + 39 + 8 * 64 + 15, dtype=np.uint8)
-    n = _head(np.int64(frames[i]["id"]), flags, bits)
+    n = _head(can_id, flags, bits)
     fd = flags & FD != 0
     switch = n  # stuff bits before the bit after BRS, and all later ones, have the data rate
     if fd:
@@ -86,7 +87,8 @@ def count_bits(frames: npt.NDArray[np.void], i: int) -> Any:
         padded = length
     if flags & REMOTE == 0 or fd:
         for k in range(padded):
-            n = _append(bits, n, np.int64(frames[i]["data"][k]) if k < length else 0, 8)
+            byte: Any = np.int64(frames[i]["data"][k]) if k < length else np.int64(0)
+            n = _append(bits, n, byte, 8)
     if not fd:
         crc = 0
         for k in range(n):
