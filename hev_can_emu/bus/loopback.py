@@ -1,21 +1,41 @@
 """A bus in memory, for tests and scripts: what one endpoint sends, all others receive.
 
-Delivery is immediate and in the order of sending; there is no bit time, arbitration or error.
+Delivery is immediate and in the order of sending; with a bit rate it is as a CAN bus has it (see
+:mod:`hev_can_emu.bus.wire`).
 """
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
-from hev_can_emu.bus.port import RECORD, Bus
+from hev_can_emu.bus.port import RECORD, Bus, make_medium
+from hev_can_emu.bus.wire_parts import Timing
 from hev_can_emu.messages.frame import SENT
+
+if TYPE_CHECKING:
+    from hev_can_emu.bus.medium import Port
 
 
 class LoopbackHub:
-    """The shared medium: endpoints join it while they are open."""
+    """The shared medium: endpoints join it while they are open.
 
-    def __init__(self, name: str = "loopback") -> None:
+    Args:
+        name: for people.
+        timing: bit rates; None for delivery at once.
+        now_ns: the clock of a bus with bit rates, ns.
+    """
+
+    def __init__(
+        self,
+        name: str = "loopback",
+        timing: Timing | None = None,
+        now_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
         self.name = name
+        self.timing = timing
+        self.medium = make_medium(timing, now_ns)
         self._endpoints: list[LoopbackBus] = []
 
     def endpoint(self, now_ns: Callable[[], int]) -> LoopbackBus:
@@ -44,6 +64,8 @@ class LoopbackBus(Bus):
     def __init__(self, hub: LoopbackHub, now_ns: Callable[[], int]) -> None:
         super().__init__(now_ns)
         self._hub = hub
+        self.medium = hub.medium
+        self._port: Port | None = None
 
     def describe(self) -> str:
         """Return the medium's name."""
@@ -59,10 +81,18 @@ class LoopbackBus(Bus):
 
     async def _open(self) -> None:
         self._hub.join(self)
+        if self.medium is not None:
+            self._port = self._join(self.medium, self.describe())
 
     async def _close(self) -> None:
         self._hub.leave(self)
+        if self._port is not None:
+            self._leave(self._port)
 
     def _send(self, raw: bytes, count: int) -> None:
         self._sent += count
-        self._hub.carry(self, raw)
+        if self._port is None or self.medium is None:
+            self._hub.carry(self, raw)
+        else:
+            self._port.send(raw)
+            self.medium.pump_in_time()

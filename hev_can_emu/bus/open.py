@@ -6,6 +6,8 @@
 ``loopback[:NAME]``                         in memory, within this process
 ``INTERFACE[:CHANNEL]``                     any other python-can interface, e.g. ``socketcan:vcan0``
 ==========================================  =====================================================
+
+The first and third take ``?bitrate=B&data_bitrate=D``: bit times, arbitration and errors as on a CAN bus.
 """
 
 from __future__ import annotations
@@ -18,9 +20,13 @@ from typing import Any
 from hev_can_emu.bus.loopback import LoopbackHub
 from hev_can_emu.bus.port import Bus
 from hev_can_emu.bus.socketcand import CHANNEL, DEFAULT_HOST, DEFAULT_PORT, SocketcandBus
+from hev_can_emu.bus.wire_parts import Timing
 from hev_can_emu.errors import InputError, did_you_mean
 
 DEFAULT_BUS = f"socketcand:{DEFAULT_HOST}:{DEFAULT_PORT}"
+
+BITRATES = (10_000, 1_000_000)  #: bit/s, least and greatest
+DATA_BITRATES = (10_000, 8_000_000)
 
 _hubs: weakref.WeakValueDictionary[str, LoopbackHub] = weakref.WeakValueDictionary()
 
@@ -42,15 +48,17 @@ def open_bus(spec: str, now_ns: Callable[[], int], *, epoch_ns: int = 0) -> Bus:
     interface, _, channel = body.partition(":")
     options = _parse_options(query, where)
     if interface == "socketcand":
-        _refuse_options(options, where)
         host, port, _ = _parse_address(channel, where)
-        return SocketcandBus(now_ns, host, port, epoch_ns=epoch_ns)
+        timing = _parse_timing(options, where)
+        return SocketcandBus(now_ns, host, port, epoch_ns=epoch_ns, timing=timing)
     if interface == "loopback":
-        _refuse_options(options, where)
         name = channel or "loopback"
+        timing = _parse_timing(options, where)
         hub = _hubs.get(name)
         if hub is None:
-            hub = _hubs[name] = LoopbackHub(name)
+            hub = _hubs[name] = LoopbackHub(name, timing)
+        elif hub.timing != timing:
+            raise InputError(where, f"the bit rates that '{name}' has", f"others ({query})")
         return hub.endpoint(now_ns)
     from hev_can_emu.bus.pythoncan import PythonCanBus
 
@@ -103,9 +111,35 @@ def _parse_value(text: str) -> bool | int | float | str:
     return text
 
 
-def _refuse_options(options: dict[str, Any], where: str) -> None:
-    if options:
-        raise InputError(where, "no options for this bus", ", ".join(options))
+def timing_of(spec: str) -> Timing | None:
+    """Return the bit rates that a ``--bus`` of our own asks for, or None; raises InputError."""
+    body, _, query = spec.partition("?")
+    if body.partition(":")[0] not in ("loopback", "socketcand"):
+        return None
+    where = f"--bus {spec}"
+    return _parse_timing(_parse_options(query, where), where)
+
+
+def _parse_timing(options: dict[str, Any], where: str) -> Timing | None:
+    """Return the bit rates among ``options``, which may hold nothing else; None without any."""
+    if not options:
+        return None
+    rates = {"bitrate": BITRATES, "data_bitrate": DATA_BITRATES}
+    unknown = [name for name in options if name not in rates]
+    if unknown:
+        hint = did_you_mean(unknown[0], rates)
+        raise InputError(where, "?bitrate=B&data_bitrate=D", ", ".join(unknown), hint)
+    if "bitrate" not in options:
+        raise InputError(where, "?bitrate=B beside data_bitrate", "none", "e.g. ?bitrate=500000")
+    for name, (least, most) in rates.items():
+        value = options.get(name, least)
+        if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
+            raise InputError(where, f"{name} from {least} to {most} bit/s", f"'{value}'")
+    bitrate = options["bitrate"]
+    data_bitrate = options.get("data_bitrate", max(bitrate, Timing().data_bitrate))
+    if data_bitrate < bitrate:
+        raise InputError(where, f"data_bitrate of at least {bitrate} bit/s", f"{data_bitrate}")
+    return Timing(bitrate, data_bitrate)
 
 
 def _check_interface(interface: str, where: str) -> None:

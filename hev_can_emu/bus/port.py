@@ -11,20 +11,27 @@ import asyncio
 import struct
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from types import TracebackType
-from typing import NamedTuple, Self
+from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
 
 from hev_can_emu.errors import BusError, StateError
-from hev_can_emu.messages.frame import FRAME
+from hev_can_emu.messages.frame import FRAME, SENT
+
+if TYPE_CHECKING:
+    from hev_can_emu.bus.medium import Medium, Port
+    from hev_can_emu.bus.wire_parts import Timing, WireEvent
 
 RECORD = struct.Struct("=qIBBH64s")
 """One frame of :data:`~hev_can_emu.messages.frame.FRAME` as bytes: t_ns, id, flags, length, channel, data.
 
 Unpacking a buffer's bytes with it costs a fraction of reading the array field by field.
 """
+
+_STAMP = struct.Struct("=q")
+_FLAGS_AT = struct.calcsize("=qI")
 
 INBOX_FRAMES = (
     65_536  #: received frames kept for a reader that does not drain; later ones are dropped
@@ -71,6 +78,8 @@ class Bus(ABC):
         self._entered = False
         self._arrived = asyncio.Event()
         self._waiting = False
+        self.medium: Medium | None = None  #: where the bus has bit times, what carries its frames
+        self._played: Mapping[tuple[int, bool], str] = {}
 
     # -- what adapters fill in ------------------------------------------------------------------
 
@@ -124,6 +133,8 @@ class Bus(ABC):
         Never waits.  ``t_ns`` is the time of receipt.  Raises BusError once the bus is lost and
         everything received before has been handed out.
         """
+        if self.medium is not None:
+            self.medium.pump()
         inbox = self._inbox
         if not inbox:
             if self._lost is not None:
@@ -176,7 +187,48 @@ class Bus(ABC):
             taken.append(self._notices.popleft())
         return taken
 
+    def play(self, senders: Mapping[tuple[int, bool], str]) -> None:
+        """Say, before opening, which control unit sends which identifier (and whether it is extended).
+
+        On a bus with bit times each unit is then a node of its own, and what they send comes back from
+        :meth:`drain`, marked SENT, once it has been carried.  Other buses take no notice.
+        """
+        self._played = senders
+
     # -- for adapters ---------------------------------------------------------------------------
+
+    def _join(self, medium: Medium, name: str) -> Port:
+        """Return a port of ``medium`` that fills the inbox."""
+        port = medium.join(name, self._take_carried)
+        if self._played:
+            port.play(self._played)
+        medium.listeners.append(self._note_state)
+        return port
+
+    def _leave(self, port: Port) -> None:
+        assert self.medium is not None
+        port.leave()
+        self.medium.listeners.remove(self._note_state)
+        if not self.medium.ports:
+            self.medium.stop()
+
+    def _note_state(self, event: WireEvent) -> None:
+        errors = f"{event.transmit_errors} transmit, {event.receive_errors} receive errors"
+        self._notices.append(f"{event.node} is {event.state} ({errors})")
+
+    def _take_carried(self, record: bytes, t_ns: int) -> None:
+        """Put a frame that the medium carried into the inbox, stamped when it had."""
+        assert self.medium is not None
+        if len(self._inbox) >= INBOX_FRAMES:
+            self._dropped += 1
+            return
+        if not record[_FLAGS_AT] & SENT:
+            self._received += 1
+        # The bus's clock and the medium's tick alike but start apart.
+        stamp = t_ns + self._now_ns() - self.medium.now_ns()
+        self._inbox.append(_STAMP.pack(stamp) + record[_STAMP.size :])
+        if self._waiting:
+            self._wake()
 
     def _accept(self, can_id: int, flags: int, data: bytes, channel: int = 0) -> None:
         """Put one received frame into the inbox, stamped now.  Any thread may call this."""
@@ -198,3 +250,12 @@ class Bus(ABC):
         loop = self._loop
         if loop is not None and not loop.is_closed():
             loop.call_soon_threadsafe(self._arrived.set)
+
+
+def make_medium(timing: Timing | None, now_ns: Callable[[], int]) -> Medium | None:
+    """Return a medium with these bit rates and clock, or None for none."""
+    if timing is None:
+        return None
+    from hev_can_emu.bus.medium import Medium  # imports the compiler: only where it is used
+
+    return Medium(timing, now_ns)

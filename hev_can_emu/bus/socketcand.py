@@ -13,13 +13,19 @@ import contextlib
 import errno
 import ipaddress
 import socket
+import time
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from hev_can_emu.bus import socketcand_protocol as protocol
 from hev_can_emu.bus.beacon import BEACON_PORT, send_beacons
-from hev_can_emu.bus.port import Bus
+from hev_can_emu.bus.port import RECORD, Bus, make_medium
 from hev_can_emu.bus.socketcand_client import Client
+from hev_can_emu.bus.wire_parts import Timing
 from hev_can_emu.errors import InputError
+
+if TYPE_CHECKING:
+    from hev_can_emu.bus.medium import Port, Receiver
 
 DEFAULT_HOST = "127.0.0.1"
 DEFAULT_PORT = 29_536
@@ -39,6 +45,7 @@ class SocketcandBus(Bus):
         beacon: announce the server on this machine's loopback.
         beacon_port: where listeners for beacons listen.
         client_buffer: bytes that a client may leave unread.
+        timing: bit rates, for a bus that takes its time as CAN does; None for delivery at once.
     """
 
     def __init__(
@@ -51,6 +58,7 @@ class SocketcandBus(Bus):
         beacon: bool = True,
         beacon_port: int = BEACON_PORT,
         client_buffer: int = CLIENT_BUFFER_BYTES,
+        timing: Timing | None = None,
     ) -> None:
         super().__init__(now_ns)
         self.host = host
@@ -65,6 +73,9 @@ class SocketcandBus(Bus):
         self._all_gone = asyncio.Event()
         self._outbox: list[tuple[bytes, str]] = []  # RECORD bytes and their time stamp
         self._unfit_told = False
+        self.medium = make_medium(timing, time.monotonic_ns)
+        self._port: Port | None = None
+        self._client_ports: dict[Client, Port] = {}
 
     def describe(self) -> str:
         """Return the address."""
@@ -95,6 +106,8 @@ class SocketcandBus(Bus):
         except OSError as error:
             raise self._cannot_listen(error) from error
         self.port = self._server.sockets[0].getsockname()[1]
+        if self.medium is not None:
+            self._port = self._join(self.medium, "emulator")
         if not _is_loopback(self.host):
             self._notices.append(
                 f"{self.describe()} is open to the network, not to this machine only"
@@ -137,6 +150,8 @@ class SocketcandBus(Bus):
             self._server.close()
             self._server = None
         self._write_outbox()
+        if self.medium is not None:
+            self.medium.stop()
         for client in list(self._clients):
             client.finish()
         if self._clients:
@@ -149,11 +164,35 @@ class SocketcandBus(Bus):
                     client.abort()
 
     def _send(self, raw: bytes, count: int) -> None:
+        if self._port is not None and self.medium is not None:
+            self._put_on_wire(raw, count)
+            return
         # Sockets are written once the caller's turn on the loop is over, all its frames at once.
         if not self._outbox:
             asyncio.get_running_loop().call_soon(self._write_outbox)
         self._outbox.append((raw, self._stamp()))
         self._sent += count
+
+    def _put_on_wire(self, raw: bytes, count: int) -> None:
+        assert self._port is not None
+        assert self.medium is not None
+        fit, unfit = protocol.sort_out(raw)
+        self._sent += count
+        if unfit:
+            self._tell_unfit(unfit)
+        self._port.send(fit)
+        self.medium.pump_in_time()
+
+    def _hand_to(self, client: Client) -> Receiver:
+        """Return what writes frames that the wire has carried to ``client``."""
+
+        def write(record: bytes, t_ns: int) -> None:
+            assert self.medium is not None
+            stamp_ns = self._epoch_ns + t_ns + self._now_ns() - self.medium.now_ns()
+            text, _ = protocol.format_frames(record, protocol.format_stamp(stamp_ns))
+            client.deliver(text)
+
+        return write
 
     def _write_outbox(self) -> None:
         """Write what was sent since the last turn of the loop: once to each client."""
@@ -188,13 +227,15 @@ class SocketcandBus(Bus):
         """Let ``client`` receive from now on."""
         self._write_outbox()
         self._joined.append(client)
+        if self.medium is not None:
+            self._client_ports[client] = self.medium.join(client.name, self._hand_to(client))
         self._notices.append(f"{client.name} joined")
 
     def detach(self, client: Client) -> None:
         """Forget ``client``, whose connection has ended."""
         self._clients.remove(client)
         if client in self._joined:
-            self._joined.remove(client)
+            self._part(client)
             self._notices.append(f"{client.name} left")
         if not self._clients:
             self._all_gone.set()
@@ -203,11 +244,23 @@ class SocketcandBus(Bus):
         """Send nothing more to ``client``, whose connection is being closed for ``reason``."""
         self._errors += 1
         if client in self._joined:
-            self._joined.remove(client)
+            self._part(client)
         self._notices.append(f"{client.name} disconnected: {reason}")
+
+    def _part(self, client: Client) -> None:
+        """Let ``client`` receive and send no more."""
+        self._joined.remove(client)
+        if client in self._client_ports:
+            self._client_ports.pop(client).leave()
 
     def relay(self, sender: Client, frames: list[protocol.Send]) -> None:
         """Carry what ``sender`` sent to every other node."""
+        if self.medium is not None:
+            if sender in self._client_ports:
+                records = [RECORD.pack(0, i, f, len(d), 0, d) for i, f, d in frames]
+                self._client_ports[sender].send(b"".join(records))
+                self.medium.pump_in_time()
+            return
         self._write_outbox()  # one order of frames for all
         for can_id, flags, data in frames:
             self._accept(can_id, flags, data)

@@ -200,6 +200,20 @@ def format_frame(can_id: int, flags: int, data: bytes, stamp: str) -> str:
     return f"< frame {can_id:03X} {stamp.zfill(_STAMP_STANDARD - len(text))} {text} >"
 
 
+def sort_out(raw: bytes) -> tuple[bytes, int]:
+    """Return those of consecutive ``RECORD`` frames that the protocol can carry; how many it cannot."""
+    fit = []
+    refused = 0
+    for start in range(0, len(raw), RECORD.size):
+        record = raw[start : start + RECORD.size]
+        _, _, flags, length, _, _ = RECORD.unpack(record)
+        if flags & _CANNOT_CARRY or length > 8:
+            refused += 1
+        else:
+            fit.append(record)
+    return b"".join(fit), refused
+
+
 def format_frames(raw: bytes, stamp: str) -> tuple[bytes, int]:
     """Return the text of consecutive ``RECORD`` frames, and how many of them it could not carry.
 

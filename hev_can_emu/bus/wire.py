@@ -59,6 +59,7 @@ class Wire:
         self._events: list[WireEvent] = []
         self._disturbances: list[ActiveDisturbance] = []
         self._floods: list[Flooding] = []
+        self._holds: list[tuple[int, str, int]] = []
 
     # -- nodes ----------------------------------------------------------------------------------
 
@@ -78,9 +79,18 @@ class Wire:
         gone.present = False
         gone.queue.clear()
 
+    @property
+    def node_count(self) -> int:
+        """How many nodes there are or have been; their numbers are below it."""
+        return len(self._nodes)
+
     def name(self, node: int) -> str:
         """Return a node's name."""
         return self._nodes[node].name
+
+    def frames_of(self, node: int) -> int:
+        """Return how many frames a node has sent whole."""
+        return self._nodes[node].sent
 
     def errors(self, node: int) -> ErrorCounters:
         """Return a node's error counters."""
@@ -92,14 +102,11 @@ class Wire:
 
     def hold_off(self, name: str, t_ns: int, until_ns: int = FOREVER) -> None:
         """Put every node of this name off the bus at ``t_ns``; it does not recover before ``until_ns``."""
-        for node in self._nodes:
-            if node.name == name:
-                node.held_off_ns = until_ns
-                node.errors.turn_off()
-                self._went_off(node, t_ns)
+        self._holds.append((t_ns, name, until_ns))
 
     def release(self, name: str, t_ns: int) -> None:
         """Let every node of this name try to recover from ``t_ns`` on."""
+        self._holds = [hold for hold in self._holds if hold[1] != name]
         for node in self._nodes:
             if node.name == name:
                 node.held_off_ns = min(node.held_off_ns, t_ns)
@@ -194,7 +201,9 @@ class Wire:
 
     def _soonest(self) -> int:
         """Return when a frame might be sent, come, or a node recover, at the soonest."""
-        soonest = self._arrivals[0][0] if self._arrivals else FOREVER
+        soonest = min([t_ns for t_ns, _, _ in self._holds], default=FOREVER)
+        if self._arrivals:
+            soonest = min(soonest, self._arrivals[0][0])
         for node in self._nodes:
             if node.errors.state == BUS_OFF:
                 if node.present and node.held_off_ns < FOREVER:
@@ -225,7 +234,14 @@ class Wire:
             self._tell(node, t_ns)
 
     def _arrive(self, t_ns: int) -> None:
-        """Let what was submitted by then, and floods, take part in arbitration."""
+        """Let what was submitted by then, and floods, take part in arbitration, and nodes go off."""
+        for hold in [hold for hold in self._holds if hold[0] <= t_ns]:
+            self._holds.remove(hold)
+            for node in self._nodes:
+                if node.name == hold[1] and node.present:
+                    node.held_off_ns = hold[2]
+                    node.errors.turn_off()
+                    self._went_off(node, t_ns)
         for flood in self._floods:
             if flood.waits and flood.due_ns <= t_ns:
                 flood.node.queue.append(flood.frame)
@@ -290,6 +306,7 @@ class Wire:
         if whole:
             node.errors.sent()
             self.statistics.frames += 1
+            node.sent += 1
             record = _STAMP.pack(end_ns) + frame.record[_STAMP.size :]
             done.append(Sent(end_ns, self._nodes.index(node), record, missed_by))
         else:

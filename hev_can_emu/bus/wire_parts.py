@@ -66,6 +66,7 @@ class Node:
         recessive_ns: how long the present sequence has been.
         held_off_ns: does not try to recover before.
         present: whether it has not been removed.
+        sent: frames that it has sent whole.
     """
 
     def __init__(self, name: str, mailboxes: bool) -> None:
@@ -79,6 +80,7 @@ class Node:
         self.recessive_ns = 0
         self.held_off_ns = 0
         self.present = True
+        self.sent = 0
 
     @property
     def takes_part(self) -> bool:

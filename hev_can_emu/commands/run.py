@@ -194,3 +194,5 @@ def print_statistics(service: Service) -> None:
         f"{scalars[tick.REFUSED]} refused, {scalars[tick.UNKNOWN]} unknown, "
         f"{scalars[tick.CONFLICTS]} from a second sender"
     )
+    if service.bus.medium is not None:
+        print(service.bus.medium.describe())

@@ -14,6 +14,7 @@ from hev_can_emu.commands._options import add_setup_arguments, make_setup, secon
 from hev_can_emu.errors import BusError, InputError
 
 if TYPE_CHECKING:
+    from hev_can_emu.bus.wire_parts import Timing
     from hev_can_emu.commands._result import Result
     from hev_can_emu.report.run_report import RunReport
     from hev_can_emu.runtime.emulator import Emulator
@@ -85,12 +86,12 @@ def execute(arguments: argparse.Namespace) -> int:
     clock = arguments.clock
     if clock is not None and clock not in CLOCKS:
         raise InputError("--clock", "one of virtual, wall", f"'{clock}'")
-    if clock == "virtual" and arguments.bus is not None:
-        raise InputError(
-            "--bus", "no bus with --clock virtual", f"'{arguments.bus}'", "use --clock wall"
-        )
+    from hev_can_emu.bus.open import open_bus, timing_of
 
-    from hev_can_emu.bus.open import open_bus
+    if clock == "virtual" and arguments.bus is not None and not _is_virtual(arguments.bus):
+        hint = "use --clock wall, or the in-memory bus with bit times: loopback?bitrate=500000"
+        raise InputError("--bus", "no bus with --clock virtual", f"'{arguments.bus}'", hint)
+
     from hev_can_emu.commands._reports import write_whole
     from hev_can_emu.commands._result import make_folder, print_ledger, print_result
     from hev_can_emu.resources import folder, shipped_or_path
@@ -117,9 +118,9 @@ def execute(arguments: argparse.Namespace) -> int:
         bus = arguments.bus or playing.scenario.bus
         wall = clock == "wall" or (clock is None and bus is not None)
         stem = _stem(f"{path.stem} {label}".strip(), used)
-        result, report = _run(
-            playing, (bus or "socketcand") if wall else None, out, stem, arguments
-        )
+        timing = timing_of(bus) if bus is not None and not wall and _is_virtual(bus) else None
+        bus = (bus or "socketcand") if wall else None
+        result, report = _run(playing, bus, timing, out, stem, arguments)
         print_result(result)
         if arguments.ledger and result.ledger is not None:
             print_ledger(result.ledger)
@@ -143,6 +144,13 @@ def _print_schema(dbc: str | None) -> int:
         text = schema_text(load_database(Path(dbc)).messages)
     print(text, end="")
     return 0
+
+
+def _is_virtual(bus: str) -> bool:
+    """Return whether a bus can be had in virtual time: in memory, with bit times."""
+    from hev_can_emu.bus.open import timing_of
+
+    return bus.startswith("loopback") and timing_of(bus) is not None
 
 
 def _stem(name: str, used: set[str]) -> str:
@@ -231,13 +239,18 @@ def _car(
 
 
 def _run(
-    playing: Playing, bus: str | None, out: Path | None, stem: str, arguments: argparse.Namespace
+    playing: Playing,
+    bus: str | None,
+    timing: Timing | None,
+    out: Path | None,
+    stem: str,
+    arguments: argparse.Namespace,
 ) -> tuple[Result, RunReport | None]:
     from hev_can_emu.commands._reports import command_of, write_run, write_slices
     from hev_can_emu.commands._result import Result, draw, ledger_content
     from hev_can_emu.runtime.recording import Recording, network_of
     from hev_can_emu.runtime.reporting import RunLog, make_report
-    from hev_can_emu.runtime.virtual import play_virtual
+    from hev_can_emu.runtime.virtual import play_on_wire, play_virtual
     from hev_can_emu.telemetry.recorder import FORMATS
 
     emulator = playing.emulator
@@ -252,7 +265,10 @@ def _run(
     trace = ""
     statistics: Statistics | None = None
     try:
-        if bus is None:
+        if timing is not None:
+            trace, medium = play_on_wire(playing, sinks, timing)
+            print(medium.describe())
+        elif bus is None:
             longest = [each.longest_ns for each in (recording, log) if each is not None]
             trace = play_virtual(playing, sinks, min(filter(None, longest), default=None))
         else:
@@ -325,6 +341,8 @@ def _in_wall_time(playing: Playing, bus: str, epoch_ns: int, sinks: list[FrameSi
             playing.player.finish(playing.emulator.now_ns, "interrupted")
         service.tell()
         progress.end(service.statistics)
+        if service.bus.medium is not None:
+            print(service.bus.medium.describe())
         return service.statistics
 
     return asyncio.run(serve())

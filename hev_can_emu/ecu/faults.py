@@ -319,6 +319,48 @@ class ValveStuck(_Fault, frozen=True, kw_only=True):
     opening: Annotated[Share, _meta("0 drains, 1 is fully open to pressure")] = 0.0
 
 
+class BusErrors(_Fault, frozen=True, kw_only=True):
+    """Frames are destroyed on the wire: error counters rise, and the frames are sent again."""
+
+    node: Annotated[str, _meta("whose frames; anybody's if left out")] = ""
+    receiver: Annotated[
+        str, _meta("the node that finds fault with them; their sender itself if left out")
+    ] = ""
+    id: Annotated[
+        Annotated[int, msgspec.Meta(ge=0, le=0x1FFFFFFF)] | None,
+        _meta("of frames with this identifier only"),
+    ] = None
+    extended: Annotated[bool, _meta("29-bit identifier")] = False
+    frames: Annotated[
+        Annotated[int, msgspec.Meta(ge=0, le=1_000_000_000)],
+        _meta("how many tries to send are destroyed before it ends by itself; 0 for no limit"),
+    ] = 0
+    chance: Annotated[Share, _meta("share of the tries that are destroyed")] = 1.0
+
+
+class BusOff(_Fault, frozen=True, kw_only=True):
+    """The node is off the bus; cleared, it recovers after 128 times 11 recessive bits."""
+
+    node: Annotated[Text, _meta("name of a node")]
+
+
+class BusFlood(_Fault, frozen=True, kw_only=True):
+    """Somebody else's frame takes a share of the bus, at the highest priority unless told otherwise."""
+
+    id: Annotated[Annotated[int, msgspec.Meta(ge=0, le=0x1FFFFFFF)], _meta("identifier")] = 0
+    extended: Annotated[bool, _meta("29-bit identifier")] = False
+    length: Annotated[Annotated[int, msgspec.Meta(ge=0, le=8)], _meta("data bytes")] = 8
+    load: Annotated[
+        Annotated[float, msgspec.Meta(gt=0.0, le=1.0)], _meta("share of the bus's time")
+    ] = 1.0
+
+    def _check(self) -> None:
+        if self.id > 0x7FF and not self.extended:
+            raise InputError("id", "0 to 0x7FF, or extended: true", hex(self.id))
+
+
+BUS_FAULTS = (BusErrors, BusOff, BusFlood)  #: kinds that need a bus with bit times
+
 Fault = (
     CounterWrong | CounterFrozen | CounterRandom | CounterOffset
     | CrcWrong | CrcFrozen | CrcRandom | CrcOffset | WrongLength
@@ -326,6 +368,7 @@ Fault = (
     | SignalStuck | SignalOffset | SignalNoise | SignalDrift | SignalNotAvailable
     | ActuatorStuck | ActuatorSlow | SensorFailure
     | MachineDerated | MachineTripped | MachineShortCircuit | ClutchLeak | ValveStuck
+    | BusErrors | BusOff | BusFlood
 )  # fmt: skip
 """Any fault that can be injected."""
 

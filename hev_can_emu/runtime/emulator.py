@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -20,7 +20,7 @@ from hev_can_emu.ecu import (
 from hev_can_emu.ecu.bindings import resolve
 from hev_can_emu.ecu.fault_rows import Network
 from hev_can_emu.ecu.fault_table import FaultTable
-from hev_can_emu.ecu.faults import Fault
+from hev_can_emu.ecu.faults import BUS_FAULTS, Fault
 from hev_can_emu.ecu.frame_faults import HELD_FRAMES
 from hev_can_emu.ecu.network import complete
 from hev_can_emu.ecu.sensors import resolve_sensors
@@ -89,6 +89,19 @@ class Event(NamedTuple):
     value: float
 
 
+class BusFaults(Protocol):
+    """What a bus with bit times does with the faults that are its own."""
+
+    def inject(self, fault: Fault, now_ns: int) -> str:
+        """Begin a fault; return its name."""
+
+    def clear(self, name: str, now_ns: int) -> bool:
+        """End the fault of that name; return whether there is one."""
+
+    def records(self, now_ns: int) -> tuple[InjectedFault, ...]:
+        """Return all that were injected."""
+
+
 class Emulator:
     """A car with its control units on a network.
 
@@ -155,6 +168,7 @@ class Emulator:
         self._script = no_script()
         self._world = make_world(self.constants, self.state, self._script)
         self._noted: list[Event] = []
+        self.bus_faults: BusFaults | None = None  #: takes faults of a bus with bit times
         self._none = make_frames(1)
 
     # Building
@@ -306,6 +320,18 @@ class Emulator:
             self._noted.extend(self._translate(event) for event in self.state.events[:noted])
         return self.state.frames_out[:sent], used
 
+    @property
+    def wired(self) -> bool:
+        """Whether what it sends acts, and is seen, only when it is handed back, marked SENT.
+
+        So it is on a bus with bit times, where a frame may be late or lost; elsewhere it is there at once.
+        """
+        return bool(self.state.scalars[tick.WIRED])
+
+    @wired.setter
+    def wired(self, wired: bool) -> None:
+        self.state.scalars[tick.WIRED] = wired
+
     def attach(self, script: Script) -> None:
         """Let a scenario's script act at every tick from now on; it replaces the one before."""
         self._script = script
@@ -352,7 +378,12 @@ class Emulator:
             InputError: a name that the network does not have, a value that does not fit, or a name in use.
             StateError: too many faults at once.
         """
-        return self._book.inject(fault)
+        if not isinstance(fault, BUS_FAULTS):
+            return self._book.inject(fault)
+        if self.bus_faults is None:
+            hint = "e.g. --bus loopback?bitrate=500000 or --bus socketcand?bitrate=500000"
+            raise InputError("fault", "a bus with bit times", f"{fault.kind} on one without", hint)
+        return self.bus_faults.inject(fault, self.now_ns)
 
     def check_fault(self, fault: Fault, where: str = "fault") -> None:
         """Raise InputError, told at ``where``, for a fault that :meth:`inject` would refuse."""
@@ -364,12 +395,16 @@ class Emulator:
 
     def clear(self, name: str) -> None:
         """End a fault at the next tick; raises InputError where none of this name is live."""
-        self._book.clear(name)
+        if self.bus_faults is None or not self.bus_faults.clear(name, self.now_ns):
+            self._book.clear(name)
 
     @property
     def faults(self) -> tuple[InjectedFault, ...]:
         """Every fault injected so far: what, when, until when, and how often it acted."""
-        return self._book.records()
+        records = self._book.records()
+        if self.bus_faults is not None:
+            records += self.bus_faults.records(self.now_ns)
+        return tuple(sorted(records, key=lambda record: record.injected_ns))
 
     def measured(self, name: str) -> float:
         """Return what a unit takes for measured, SI; ``name`` is a status port; raises InputError."""

@@ -204,7 +204,10 @@ class Playing:
                 sent, taken = np.concatenate([own, sent]), taken - len(own)
         if emulator.now_ns > before and self.player.listens:
             self.player.hear(given[:taken])
-            self.player.hear(sent)
+            if (
+                not emulator.wired
+            ):  # else what was sent is among what is given, once it is on the bus
+                self.player.hear(sent)
         return sent, taken
 
     def _look(self) -> int:

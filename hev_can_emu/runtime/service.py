@@ -31,6 +31,7 @@ from hev_can_emu.runtime.playing import Playing
 from hev_can_emu.runtime.statistics import Statistics
 from hev_can_emu.runtime.tick import TICK_NS
 from hev_can_emu.runtime.virtual import FrameSink
+from hev_can_emu.runtime.wired import WiredCar
 
 RECEIVE_FRAMES = 8192
 STALL_NS = 1_000_000_000
@@ -87,6 +88,9 @@ class Service:
         self._watchers = watchers
         self._start_ns = time.monotonic_ns()
         self.bus = make_bus(self._now_ns)
+        self._wired = WiredCar(emulator, self.bus.medium) if self.bus.medium is not None else None
+        if self._wired is not None:
+            self.bus.play(self._wired.senders)
         self._received = make_frames(RECEIVE_FRAMES)
         self._waiting = 0  # frames in it that came after the last tick's deadline
         self._postponed = False  # a late tick waits until the sockets have been read
@@ -222,8 +226,13 @@ class Service:
     def _receive(self, now_ns: int) -> int:
         """Take what has come, behind what still waits; return how many frames there are."""
         waiting = self._waiting
-        count = self.bus.drain(self._received[waiting:], RECEIVE_FRAMES - waiting)
-        self.statistics.received += count
+        fresh = self._received[waiting:]
+        count = self.bus.drain(fresh, RECEIVE_FRAMES - waiting)
+        if self._wired is None:
+            self.statistics.received += count
+        else:
+            count, foreign = self._wired.sort_out(fresh, count)
+            self.statistics.received += foreign
         count += waiting
         if count:
             # The car's time was set back after a stamp was given: at the start, after a stall.
@@ -262,7 +271,8 @@ class Service:
             self.bus.send(frames, len(frames))
         for sink in self._sinks:
             sink(received, end - first)
-            sink(frames, len(frames))
+            if self._wired is None:  # else they come back once they are on the bus
+                sink(frames, len(frames))
         return end
 
     async def _report(self) -> None:

@@ -69,7 +69,10 @@ ASLEEP, BOOTING, AWAKE, AFTERRUN = 0, 1, 2, 3
 
 # Scalars of the int64 state.
 TICKS, PENDING, UNKNOWN, CONFLICTS, RECEIVED, SENT_FRAMES, FAILED, REFUSED, LAST_MODE = range(9)
-N_SCALARS = 9
+WIRED = (
+    9  # 1: what this program sends acts, and is seen, when it comes back from the bus marked SENT
+)
+N_SCALARS = 10
 
 MODE_CHANGED, SYNC_CHANGED, CONFLICT = 20, 21, 22  #: kinds of events
 
@@ -222,6 +225,25 @@ def _show(constants: Constants, state: State, i: int, message: int, faulty: bool
 
 
 @inner_kernel
+def _take_own(constants: Constants, state: State, frames: Frames, i: int, t_ns: int) -> None:
+    """Take a frame that this program sent and that has been on the bus."""
+    codec = constants.codec
+    flags = np.int64(frames[i]["flags"])
+    message = find_message(codec, frames[i]["id"], flags & EXTENDED)
+    if message < 0:
+        return
+    if state.origin[message] == ORIGIN_PLAYED:
+        single = state.scratch[:1]
+        single[0] = frames[i]
+        single[0]["flags"] = flags & ~SENT
+        _take_frame(constants, state, single, 0, state.enabled, t_ns)
+    elif state.origin[message] == ORIGIN_UNIT:
+        _mark_seen(codec, state.seen_ns, message, t_ns)
+        if np.int64(frames[i]["length"]) == codec.messages[message, M_WIRE_LENGTH]:
+            decode(codec, message, frames[i]["data"], state.on_bus)
+
+
+@inner_kernel
 def _power_nodes(constants: Constants, state: State, t_ns: int) -> None:
     """Nodes boot and fall asleep with the ignition; a message is enabled while its sender is up."""
     ignition = state.effective[ports.IGNITION]
@@ -333,8 +355,11 @@ def run_ticks(
             _take_frame(constants, state, state.pending, i, state.enabled, t_ns)
         state.scalars[PENDING] = 0
         while taken < n_in and frames_in[taken]["t_ns"] <= t_ns:
-            state.scalars[RECEIVED] += 1
             flags = np.int64(frames_in[taken]["flags"])
+            if flags & SENT != 0 and state.scalars[WIRED] != 0:
+                _take_own(constants, state, frames_in, taken, t_ns)
+            else:
+                state.scalars[RECEIVED] += 1
             if flags & (REMOTE | ERROR | SENT) == 0:
                 message = find_message(codec, frames_in[taken]["id"], flags & EXTENDED)
                 if message < 0:
@@ -405,7 +430,7 @@ def run_ticks(
         for i in range(first, n_out):
             extended = np.int64(frames_out[i]["flags"]) & EXTENDED
             message = find_message(codec, frames_out[i]["id"], extended)
-            if message < 0:
+            if message < 0 or state.scalars[WIRED] != 0:
                 continue
             _mark_seen(codec, state.seen_ns, message, t_ns)
             _show(constants, state, i, message, faulty)

@@ -4,12 +4,19 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
+from hev_can_emu.messages.frame import make_frames
 from hev_can_emu.runtime.playing import Playing
+from hev_can_emu.runtime.tick import TICK_NS
 from hev_can_emu.scenario.monitor import NEVER
+
+if TYPE_CHECKING:
+    from hev_can_emu.bus.medium import Medium
+    from hev_can_emu.bus.wire_parts import Timing
 
 FrameSink = Callable[[npt.NDArray[np.void], int], None]
 
@@ -27,6 +34,33 @@ class TraceHash:
     def hexdigest(self) -> str:
         """Return the hash so far."""
         return self._digest.hexdigest()
+
+
+def play_on_wire(
+    playing: Playing, sinks: Sequence[FrameSink], timing: Timing
+) -> tuple[str, Medium]:
+    """Play the scenario to its end on a bus with bit times; return the trace hash and the bus.
+
+    Each tick is a call: what is sent in one may be on the bus by the next.
+    """
+    from hev_can_emu.runtime.wired import VirtualWire
+
+    emulator = playing.emulator
+    wire = VirtualWire(emulator, timing)
+    trace = TraceHash()
+    waiting = make_frames(0)
+    while not playing.finished:
+        before = emulator.now_ns
+        sent, taken = playing.run(before + TICK_NS, waiting, len(waiting))
+        if emulator.now_ns == before:
+            continue
+        wire.send(sent)
+        carried = wire.receive()
+        trace.add(carried, len(carried))
+        for sink in sinks:
+            sink(carried, len(carried))
+        waiting = np.concatenate([waiting[taken:], carried])
+    return trace.hexdigest(), wire.medium
 
 
 def play_virtual(
