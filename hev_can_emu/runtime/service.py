@@ -22,6 +22,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from hev_can_emu.bus.port import Bus
 from hev_can_emu.messages.frame import make_frames
@@ -55,7 +56,7 @@ class Service:
         emulator: the car.
         make_bus: makes the bus from the clock that stamps received frames.
         sinks: take what is received and sent, as recorders do.
-        playing: a scenario, or None.
+        playing: a scenario, or None; its end ends the run.
         duration_ns: car time to stop at, or None.
         on_ready: called once the bus is open.
         on_status: called about five times a second.
@@ -86,21 +87,49 @@ class Service:
         self._on_status = on_status
         self._on_event = on_event
         self._watchers = watchers
+        self._on_played: Callable[[], None] | None = None
         self._start_ns = time.monotonic_ns()
-        self.bus = make_bus(self._now_ns)
-        self._wired = WiredCar(emulator, self.bus.medium) if self.bus.medium is not None else None
-        if self._wired is not None:
-            self.bus.play(self._wired.senders)
+        self._shift_ns = 0  # from the car's time to the bus's, after another car took over
+        self.bus = make_bus(self._bus_now_ns)
+        self._wired: WiredCar | None = None
+        self._wire()
         self._received = make_frames(RECEIVE_FRAMES)
         self._waiting = 0  # frames in it that came after the last tick's deadline
         self._postponed = False  # a late tick waits until the sockets have been read
-        self._postponed = False
         self._stop = asyncio.Event()
         self._failure: Exception | None = None
+
+    def _wire(self) -> None:
+        """Put the car's units on the bus one by one, where the bus has bit times."""
+        if self.bus.medium is not None:
+            self._wired = WiredCar(self.emulator, self.bus.medium)
+            self.bus.play(self._wired.senders)
 
     def stop(self) -> None:
         """End the run after the present tick."""
         self._stop.set()
+
+    def swap(
+        self,
+        emulator: Emulator,
+        playing: Playing | None = None,
+        on_played: Callable[[], None] | None = None,
+    ) -> Emulator:
+        """Let another car take over at the next tick; the bus's time goes on. Return the one before.
+
+        Args:
+            emulator: the car; its time goes on from where it stands.
+            playing: a scenario played on it, or None.
+            on_played: called when the scenario is over, instead of ending the run.
+        """
+        before = self.emulator
+        shift_ns = before.now_ns - emulator.now_ns
+        self._shift_ns += shift_ns
+        self._start_ns += shift_ns
+        self._received["t_ns"][: self._waiting] -= shift_ns
+        self.emulator, self._playing, self._on_played = emulator, playing, on_played
+        self._wire()
+        return before
 
     async def run(self) -> None:
         """Run to the end; raises BusError when the bus is lost, InputError when it cannot be opened."""
@@ -154,6 +183,9 @@ class Service:
     def _now_ns(self) -> int:
         return time.monotonic_ns() - self._start_ns
 
+    def _bus_now_ns(self) -> int:
+        return self._now_ns() + self._shift_ns
+
     async def _tick_until_stopped(self) -> None:
         # The car's time starts with the first deadline, a moment from now.
         self._start_ns = time.monotonic_ns() + 5 * TICK_NS - self.emulator.now_ns
@@ -167,8 +199,9 @@ class Service:
             # What came after the last tick moves the car no more, but it was on the bus.
             count = self._receive(self._now_ns())
             self._waiting = 0
+            received = self._on_bus_time(self._received[:count])
             for sink in self._sinks:
-                sink(self._received, count)
+                sink(received, count)
 
     def _due(self) -> None:
         """Do every tick whose deadline has passed."""
@@ -208,7 +241,7 @@ class Service:
         begin = emulator.now_ns
         last = begin + missed * TICK_NS
         if self._duration_ns is not None:
-            last = max(begin, min(last, self._duration_ns - TICK_NS))
+            last = max(begin, min(last, self._duration_ns - self._shift_ns - TICK_NS))
         count = self._receive(now)
         taken = self._advance(last, 0, count)
         self._waiting = count - taken
@@ -219,9 +252,17 @@ class Service:
         late = self._now_ns() - emulator.now_ns + TICK_NS
         for tick in range(done):
             statistics.lateness.add(late + tick * TICK_NS)
-        over = self._duration_ns is not None and emulator.now_ns >= self._duration_ns
-        if over or (self._playing is not None and self._playing.finished):
+        if self._duration_ns is not None and self._bus_time_ns >= self._duration_ns:
             self.stop()
+        if self._playing is not None and self._playing.finished:
+            if self._on_played is None:
+                self.stop()
+            else:
+                self._on_played()
+
+    @property
+    def _bus_time_ns(self) -> int:
+        return self.emulator.now_ns + self._shift_ns
 
     def _receive(self, now_ns: int) -> int:
         """Take what has come, behind what still waits; return how many frames there are."""
@@ -237,6 +278,7 @@ class Service:
         if count:
             # The car's time was set back after a stamp was given: at the start, after a stall.
             stamps = self._received["t_ns"][:count]
+            stamps[waiting:] -= self._shift_ns
             np.minimum(stamps, now_ns, out=stamps)
             if self._postponed:
                 # When they came is not known any more: spread over the ticks to be made up for.
@@ -266,6 +308,7 @@ class Service:
         received = self._received[first:end]
         car = self._playing or self.emulator
         frames = car.advance(last_ns + TICK_NS, received, end - first)
+        received, frames = self._on_bus_time(received), self._on_bus_time(frames)
         if len(frames):
             self.statistics.sent += len(frames)
             self.bus.send(frames, len(frames))
@@ -274,6 +317,13 @@ class Service:
             if self._wired is None:  # else they come back once they are on the bus
                 sink(frames, len(frames))
         return end
+
+    def _on_bus_time(self, frames: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
+        if not self._shift_ns:
+            return frames
+        shifted = frames.copy()
+        shifted["t_ns"] += self._shift_ns
+        return shifted
 
     async def _report(self) -> None:
         """Tell status, events and the bus's notices, off the tick's path."""
