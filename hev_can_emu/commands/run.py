@@ -8,13 +8,7 @@ import time
 from typing import TYPE_CHECKING
 
 from hev_can_emu.commands._live import LiveLine
-from hev_can_emu.commands._mqtt import (
-    add_mqtt_arguments,
-    mqtt_address,
-    period_s,
-    print_counters,
-    start_link,
-)
+from hev_can_emu.commands._mqtt import MqttSide, add_mqtt_arguments, mqtt_address
 from hev_can_emu.commands._options import add_setup_arguments, make_setup, seconds
 
 if TYPE_CHECKING:
@@ -43,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="record frames (.log, .blf, .asc, .mf4) or decoded signals (.csv, .parquet)",
     )
     add_setup_arguments(parser)
-    add_mqtt_arguments(parser)
+    add_mqtt_arguments(parser, scenarios=True)
 
 
 def execute(arguments: argparse.Namespace) -> int:
@@ -56,10 +50,8 @@ def execute(arguments: argparse.Namespace) -> int:
 
     from hev_can_emu.bus.open import open_bus
     from hev_can_emu.commands._compiling import ready_emulator
-    from hev_can_emu.runtime.emulator import Event
     from hev_can_emu.runtime.recording import Recording
-    from hev_can_emu.runtime.remote import Remote
-    from hev_can_emu.runtime.service import Service, Watcher
+    from hev_can_emu.runtime.service import Service
     from hev_can_emu.telemetry.recorder import check_path
 
     # What can be told at once is told before anything is compiled or written.
@@ -70,23 +62,11 @@ def execute(arguments: argparse.Namespace) -> int:
     epoch_ns = time.time_ns()
     recording = Recording(emulator, arguments.record, epoch_ns)
     line = StatusLine(emulator)
-    link = start_link(arguments, emulator)
-    remote = None if link is None else Remote(emulator, link, epoch_ns)
-    watchers = []
+    mqtt = MqttSide(arguments, emulator, epoch_ns, line.event)
 
     def tell(event: Event) -> None:
         line.event(event)
-        if remote is not None:
-            remote.publisher.event(event)
-
-    def look_at_mqtt() -> None:
-        if link is not None and remote is not None:
-            remote.look()
-            for notice in link.take_notices():
-                line.event(Event(emulator.now_ns, "mqtt", notice, 0, 0.0))
-
-    if link is not None:
-        watchers.append(Watcher("mqtt", min(period_s(arguments), 0.1), look_at_mqtt))
+        mqtt.event(event)
 
     async def serve() -> Service:
         service = Service(
@@ -97,8 +77,10 @@ def execute(arguments: argparse.Namespace) -> int:
             on_ready=line.ready,
             on_status=line.status,
             on_event=tell,
-            watchers=watchers,
+            watchers=mqtt.watchers,
         )
+        line.follow(service)
+        mqtt.attach(service)
         try:
             await service.run()
         finally:
@@ -111,11 +93,9 @@ def execute(arguments: argparse.Namespace) -> int:
         service = asyncio.run(serve())
     finally:
         line.end()
-        if link is not None:
-            link.stop()
+        mqtt.stop()
     print_statistics(service)
-    if link is not None:
-        print_counters(link)
+    mqtt.print_counters()
     return 0
 
 
@@ -127,8 +107,13 @@ class StatusLine:
 
     def __init__(self, emulator: Emulator) -> None:
         self._emulator = emulator
+        self._service: Service | None = None
         self._line = LiveLine()
         self._hinted = False
+
+    def follow(self, service: Service) -> None:
+        """Show the car that the service runs, should another take over."""
+        self._service = service
 
     def ready(self, bus: Bus) -> None:
         """Say what runs where, and how to join."""
@@ -148,6 +133,8 @@ class StatusLine:
 
     def status(self, statistics: Statistics) -> None:
         """Rewrite the line."""
+        if self._service is not None:
+            self._emulator = self._service.emulator
         truth = self._emulator.truth
         rpm = 30.0 / 3.141592653589793
         mode = _MODES[round(self._emulator.state.statuses[_mode_port()])]

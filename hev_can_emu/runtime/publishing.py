@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from importlib.metadata import version
 from typing import Any
 
@@ -64,11 +63,13 @@ class Publisher:
     """
 
     def __init__(self, emulator: Emulator, link: Link, epoch_ns: int | None) -> None:
-        self._emulator = emulator
         self._link = link
-        self._date: Callable[[int], int] = (
-            (lambda t_ns: epoch_ns + t_ns) if epoch_ns is not None else (lambda _: time.time_ns())
-        )
+        self.follow(emulator, epoch_ns)
+
+    def follow(self, emulator: Emulator, epoch_ns: int | None) -> None:
+        """Tell of this car from now on; the arguments are those of the constructor."""
+        self._emulator = emulator
+        self._epoch_ns = epoch_ns
 
     def sample(self) -> None:
         """Leave the statuses as they are now."""
@@ -106,6 +107,9 @@ class Publisher:
         if result.trace_hash:
             body["trace_hash"] = result.trace_hash
         self._link.happen("scenario/state", body)
+
+    def _date(self, t_ns: int) -> int:
+        return time.time_ns() if self._epoch_ns is None else self._epoch_ns + t_ns
 
     def _stamped(self, t_ns: int) -> dict[str, Any]:
         return {"time": round(t_ns * 1e-9, 6), "timestamp": rfc3339(self._date(t_ns))}

@@ -122,6 +122,7 @@ class Service:
             playing: a scenario played on it, or None.
             on_played: called when the scenario is over, instead of ending the run.
         """
+        self.tell()
         before = self.emulator
         shift_ns = before.now_ns - emulator.now_ns
         self._shift_ns += shift_ns
@@ -259,6 +260,11 @@ class Service:
                 self.stop()
             else:
                 self._on_played()
+
+    @property
+    def shift_ns(self) -> int:
+        """From the present car's time to the bus's, ns; 0 until another car has taken over."""
+        return self._shift_ns
 
     @property
     def _bus_time_ns(self) -> int:

@@ -6,7 +6,7 @@ answer carries it back, for clients that do not speak MQTT 5 and its correlation
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from typing import Any
 
 import msgspec
@@ -24,16 +24,14 @@ class Command(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
 
 
 class ScenarioStart(Command, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Begin a scenario: a shipped one by name, or its YAML text.
+    """Begin a scenario.
 
     Attributes:
-        scenario: name of a shipped scenario.
-        document: the scenario itself, as text.
-        parameters: of the scenario, by name, in place of its defaults.
+        scenario: name of a shipped one, or of a file in the folder that ``--mqtt-scenarios`` names.
+        parameters: by name, in place of the scenario's own.
     """
 
-    scenario: str | None = None
-    document: str | None = None
+    scenario: str
     parameters: dict[str, Value] = {}
 
 
@@ -66,10 +64,10 @@ class Input(Command, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class Parameter(Command, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Set a parameter of the run."""
+    """Set a parameter of the scenarios that are started from now on and have it; null takes that back."""
 
     name: str
-    value: Value
+    value: Value | None
 
 
 VERBS: Mapping[str, type[Command]] = {
@@ -81,10 +79,10 @@ VERBS: Mapping[str, type[Command]] = {
     "parameter": Parameter,
 }
 
-Action = Callable[[Any], dict[str, Any]]
+Action = Callable[[Any], Awaitable[dict[str, Any]]]
 
 
-def obey(request: Request, actions: Mapping[str, Action]) -> dict[str, Any]:
+async def obey(request: Request, actions: Mapping[str, Action]) -> dict[str, Any]:
     """Carry a request out and return the answer.
 
     Args:
@@ -104,7 +102,7 @@ def obey(request: Request, actions: Mapping[str, Action]) -> dict[str, Any]:
             expected = f"one of {', '.join(sorted(actions))}"
             raise InputError("command", expected, f"'{request.verb}'", hint)
         command = _read(kind, request.body, where, answer)
-        answer |= actions[request.verb](command)
+        answer |= await actions[request.verb](command)
         answer["ok"] = True
     except HevError as error:
         answer["error"] = " ".join(str(error).split())
