@@ -11,6 +11,7 @@ from hev_can_emu.errors import InputError
 
 if TYPE_CHECKING:
     from hev_can_emu.runtime.emulator import Emulator, Event
+    from hev_can_emu.runtime.playing import RunResult
     from hev_can_emu.runtime.remote import Remote
     from hev_can_emu.runtime.service import Service, Watcher
     from hev_can_emu.telemetry.mqtt_address import Address
@@ -118,6 +119,21 @@ class MqttSide:
         if address.embedded:
             print(f"MQTT broker on {address.describe()}, topics under {address.root}/")
 
+    @property
+    def on(self) -> bool:
+        """Whether there is anything to do."""
+        return self._link is not None
+
+    def began(self, name: str) -> None:
+        """Leave that a scenario has begun."""
+        if self._remote is not None:
+            self._remote.publisher.began(name)
+
+    def ended(self, result: RunResult) -> None:
+        """Leave how a scenario ended."""
+        if self._remote is not None:
+            self._remote.publisher.ended(result)
+
     def attach(self, service: Service) -> None:
         """Let commands start scenarios on this service."""
         if self._remote is not None and self._epoch_ns is not None:
@@ -137,10 +153,10 @@ class MqttSide:
         if self._remote is not None:
             self._remote.publisher.event(event)
 
-    def stop(self) -> None:
-        """Send what waits, if the broker takes it at once, and end."""
+    def stop(self, patience_s: float = 0.0) -> None:
+        """Send what waits, if the broker takes it within ``patience_s`` (s), and end."""
         if self._link is not None:
-            self._link.stop()
+            self._link.stop(patience_s)
             self._tell_notices()
 
     def print_counters(self) -> None:

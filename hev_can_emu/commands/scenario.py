@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import argparse
 import re
+import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from hev_can_emu.commands._mqtt import MqttSide, add_mqtt_arguments, mqtt_address
 from hev_can_emu.commands._options import add_setup_arguments, make_setup, seconds
 from hev_can_emu.errors import BusError, InputError
 
@@ -17,7 +19,7 @@ if TYPE_CHECKING:
     from hev_can_emu.bus.wire_parts import Timing
     from hev_can_emu.commands._result import Result
     from hev_can_emu.report.run_report import RunReport
-    from hev_can_emu.runtime.emulator import Emulator
+    from hev_can_emu.runtime.emulator import Emulator, Event
     from hev_can_emu.runtime.playing import Playing
     from hev_can_emu.runtime.scenario_runs import Run
     from hev_can_emu.runtime.setup import Setup
@@ -25,6 +27,8 @@ if TYPE_CHECKING:
     from hev_can_emu.runtime.virtual import FrameSink
 
 CLOCKS = ("virtual", "wall")
+LOOK_NS = 50_000_000  #: with MQTT in virtual time, the car is looked at so often
+PATIENCE_S = 2.0  #: for a broker at the end of a scenario
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -69,6 +73,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="with --out: a recording of so many seconds before and after each failure",
     )
     add_setup_arguments(run)
+    add_mqtt_arguments(run)
     schema = actions.add_parser(
         "schema", help="print the JSON Schema of scenario files, for editors and checks"
     )
@@ -92,6 +97,7 @@ def execute(arguments: argparse.Namespace) -> int:
         hint = "use --clock wall, or the in-memory bus with bit times: loopback?bitrate=500000"
         raise InputError("--bus", "no bus with --clock virtual", f"'{arguments.bus}'", hint)
 
+    mqtt_address(arguments)  # told at once if it cannot be one
     from hev_can_emu.commands._reports import write_whole
     from hev_can_emu.commands._result import make_folder, print_ledger, print_result
     from hev_can_emu.resources import folder, shipped_or_path
@@ -117,6 +123,8 @@ def execute(arguments: argparse.Namespace) -> int:
     for path, label, playing in prepared:
         bus = arguments.bus or playing.scenario.bus
         wall = clock == "wall" or (clock is None and bus is not None)
+        if arguments.mqtt_commands and not wall:
+            raise InputError("--mqtt-commands", "--clock wall", "virtual time")
         stem = _stem(f"{path.stem} {label}".strip(), used)
         timing = timing_of(bus) if bus is not None and not wall and _is_virtual(bus) else None
         bus = (bus or "socketcand") if wall else None
@@ -261,6 +269,10 @@ def _run(
     log = RunLog(playing) if out is not None else None
     recording = Recording(emulator, [out / name for name in files] if out else [], epoch_ns)
     sinks = recording.sinks if log is None else [*recording.sinks, log.add]
+    mqtt = MqttSide(arguments, emulator, None if bus is None else epoch_ns, _say)
+    mqtt.began(playing.scenario.name)
+    if mqtt.on and bus is None:
+        sinks = [*sinks, lambda _frames, _count: mqtt.look()]
     started = time.monotonic()
     trace = ""
     statistics: Statistics | None = None
@@ -270,13 +282,19 @@ def _run(
             print(medium.describe())
         elif bus is None:
             longest = [each.longest_ns for each in (recording, log) if each is not None]
+            longest += [LOOK_NS] if mqtt.on else []
             trace = play_virtual(playing, sinks, min(filter(None, longest), default=None))
         else:
-            statistics = _in_wall_time(playing, bus, epoch_ns, sinks)
+            statistics = _in_wall_time(playing, bus, epoch_ns, sinks, mqtt)
+        run = playing.result(trace)
+        wall_s = time.monotonic() - started
+        if bus is None:
+            for event in run.events:
+                mqtt.event(event)
+        mqtt.ended(run)
     finally:
         recording.close()
-    wall_s = time.monotonic() - started
-    run = playing.result(trace)
+        mqtt.stop(PATIENCE_S)
     result = Result(
         run.name, list(run.verdicts), run.outcome, emulator.now_ns * 1e-9, wall_s, trace,
         emulator.ledger() if emulator.keeps_ledger else None,
@@ -313,7 +331,13 @@ def _date(epoch_ns: int) -> str:
     return datetime.fromtimestamp(epoch_ns // 1_000_000_000).astimezone().isoformat(sep=" ")
 
 
-def _in_wall_time(playing: Playing, bus: str, epoch_ns: int, sinks: list[FrameSink]) -> Statistics:
+def _say(event: Event) -> None:
+    print(f"{event.kind}: {event.text}", file=sys.stderr)
+
+
+def _in_wall_time(
+    playing: Playing, bus: str, epoch_ns: int, sinks: list[FrameSink], mqtt: MqttSide
+) -> Statistics:
     import asyncio
 
     from hev_can_emu.bus.open import open_bus
@@ -321,6 +345,10 @@ def _in_wall_time(playing: Playing, bus: str, epoch_ns: int, sinks: list[FrameSi
     from hev_can_emu.runtime.service import Service
 
     progress = PlayProgress(playing)
+
+    def tell(event: Event) -> None:
+        progress.event(event)
+        mqtt.event(event)
 
     async def serve() -> Statistics:
         service = Service(
@@ -330,7 +358,8 @@ def _in_wall_time(playing: Playing, bus: str, epoch_ns: int, sinks: list[FrameSi
             playing,
             on_ready=progress.ready,
             on_status=progress.status,
-            on_event=progress.event,
+            on_event=tell,
+            watchers=mqtt.watchers,
         )
         try:
             await service.run()

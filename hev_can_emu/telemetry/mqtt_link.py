@@ -146,8 +146,17 @@ class Link:
             self._sent, outbox.replaced, outbox.dropped, self._refused, self._connections
         )
 
-    def stop(self) -> None:
-        """Send what waits and the word of leaving if the broker takes it at once, then end."""
+    def stop(self, patience_s: float = 0.0) -> None:
+        """Send what waits and the word of leaving if the broker takes it at once, then end.
+
+        ``patience_s``: how long to wait for a connection that is being made, and for what waits, s.
+        """
+        if patience_s > 0.0:
+            deadline = time.monotonic() + patience_s
+            while (not self._online or len(self._outbox)) and time.monotonic() < deadline:
+                if not self._thread.is_alive() or self._told_lost:
+                    break
+                time.sleep(0.01)
         self._stopping = True
         self._call(self._begin_to_stop)
         self._thread.join(2.0 * GRACE_S)
