@@ -1,139 +1,168 @@
-"""Encoding and decoding beside cantools, in one run: python benchmarks/codec.py [DBC].
+"""Encoding and decoding beside cantools, in one run: python benchmarks/codec.py [DBC ...].
 
-Prints microseconds per message (per call for the whole set) and the ratio.  Each figure is the
-median of interleaved rounds, so that a busy machine slows both sides alike.
+Prints microseconds of processor time per call and the ratio.  Each figure is the median of interleaved
+rounds, so that a busy machine slows both sides alike; every round has values of its own.  Bytes are compared
+before anything is timed.
 """
 
 from __future__ import annotations
 
 import logging
+import random
 import statistics
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cantools.database.can
-import numpy as np
+from e2e import p11
 
-from hev_can_emu.messages.codec import M_LENGTH, build_codec, encode
-from hev_can_emu.messages.database import load_database
-from hev_can_emu.messages.frame import make_frames
+from hev_can_emu.messages.database import Database, load_database
+from hev_can_emu.messages.definitions import SignalDef
 from hev_can_emu.messages.named import NamedCodec
-from hev_can_emu.messages.protection import build_protection
-from hev_can_emu.messages.restbus import build_restbus, reset_restbus, restbus_state_size, trigger
-from hev_can_emu.messages.transfer import transmit
+from hev_can_emu.messages.transmit_set import TransmitSet
+from hev_can_emu.resources import folder
 
-ROUNDS = 15
+ROUNDS = 25
+Values = dict[str, dict[str, float]]
 
 
-def synthetic() -> str:
-    """Return 20 messages of 8 byte-sized signals each."""
+def synthetic() -> Path:
+    """Write a network of 20 messages with 8 byte-sized signals each; return its path."""
     lines = ['VERSION ""', "NS_ :", "BS_:", "BU_: A B", ""]
     for m in range(20):
         lines.append(f"BO_ {256 + m} M{m}: 8 A")
         lines += [f' SG_ S{m}_{n} : {8 * n}|8@1+ (0.5,-40) [-40|86] "u" B' for n in range(8)]
         lines.append("")
-    return "\n".join(lines) + "\n"
+    path = Path(tempfile.mkdtemp()) / "synthetic.dbc"
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def draw(rng: random.Random, signal: SignalDef) -> float:
+    """Return an encodable value inside the declared range."""
+    low, high = signal.raw_range
+    if signal.minimum is not None and signal.maximum is not None:
+        low = max(low, round((signal.minimum - signal.offset) / signal.scale))
+        high = min(high, round((signal.maximum - signal.offset) / signal.scale))
+    raw = rng.randint(low, high)
+    return (low if raw == signal.not_available else raw) * signal.scale + signal.offset
 
 
 def seconds(call: Callable[[], object], count: int) -> float:
-    start = time.perf_counter()
+    start = time.thread_time()
     for _ in range(count):
         call()
-    return (time.perf_counter() - start) / count
+    return (time.thread_time() - start) / count
 
 
-def compare(title: str, theirs: Callable[[], object], ours: Callable[[], object], n: int) -> None:
-    theirs(), ours()
-    pairs = [(seconds(theirs, n), seconds(ours, 4 * n)) for _ in range(ROUNDS)]
-    a, b = (statistics.median(column) for column in zip(*pairs, strict=True))
-    print(f"{title:<44} {a * 1e6:9.2f} us {b * 1e6:8.2f} us {a / b:7.1f} x")
+class Bench:
+    """One network on both sides, with values that change from round to round."""
+
+    def __init__(self, path: Path) -> None:
+        self.database: Database = load_database(path)
+        self.reference: Any = cantools.database.can.Database()
+        self.reference.add_dbc_string(path.read_text(encoding="utf-8"))
+        self.named = NamedCodec(self.database)
+        self.set = TransmitSet(self.database)
+        self.protected = TransmitSet(self.database, protected=True)
+        self.rng = random.Random(1)
+        self.pairs: list[tuple[Any, dict[str, float]]] = []
+        self.largest = max(self.database.messages, key=lambda message: len(message.signals))
+
+    def renew(self) -> None:
+        """Draw new values and check that both sides make the same bytes of them."""
+        self.pairs = []
+        for message in self.database.messages:
+            values = {signal.name: draw(self.rng, signal) for signal in message.signals}
+            self.pairs.append((self.reference.get_message_by_name(message.name), values))
+            for signal in message.signals:
+                for one in (self.set, self.protected):
+                    one.values[signal.index] = values[signal.name]
+        self.set.encode()
+        for (theirs, values), frame in zip(self.pairs, self.set.frames, strict=True):
+            data = theirs.encode(values)
+            assert data == frame["data"][: len(data)].tobytes(), theirs.name
+            assert data == self.named.encode_message(theirs.name, values), theirs.name
+
+    def compare(self, title: str, make: Callable[[], tuple[Any, Any]], count: int) -> None:
+        """Time what ``make`` returns for both sides, anew each round, and print a row."""
+        rows = []
+        for _ in range(ROUNDS):
+            self.renew()
+            theirs, ours = make()
+            theirs(), ours()
+            rows.append((seconds(theirs, count), seconds(ours, 10 * count)))
+        a, b = (statistics.median(column) * 1e6 for column in zip(*rows, strict=True))
+        ratio = statistics.median(theirs / ours for theirs, ours in rows)
+        print(f"{title:<58} {a:9.2f} us {b:8.3f} us {ratio:7.1f} x")
+
+    def run(self) -> None:
+        """Print the table of one network."""
+        place = self.largest.index
+        count = len(self.database.messages)
+        print(
+            f"{self.database.path.name}: {count} messages, {len(self.database.signals)} signals; "
+            f"{self.largest.name} has {len(self.largest.signals)}"
+        )
+        print(f"{'':<58} {'cantools':>12} {'here':>11}")
+
+        def encode() -> tuple[Any, Any]:
+            theirs, values = self.pairs[place]
+            name, make = self.largest.name, self.named.encode_message
+            return lambda: theirs.encode(values), lambda: make(name, values)
+
+        def encode_unchecked() -> tuple[Any, Any]:
+            theirs, values = self.pairs[place]
+            name, make = self.largest.name, self.named.encode_message
+            return lambda: theirs.encode(values, strict=False), lambda: make(name, values)
+
+        def decode() -> tuple[Any, Any]:
+            theirs, values = self.pairs[place]
+            data = theirs.encode(values)
+            key, extended, read = (
+                self.largest.can_id,
+                self.largest.extended,
+                self.named.decode_message,
+            )
+            return lambda: theirs.decode(data, decode_choices=False), lambda: read(
+                key, data, extended
+            )
+
+        def whole() -> tuple[Any, Any]:
+            pairs = self.pairs
+            return lambda: [theirs.encode(values) for theirs, values in pairs], self.set.encode
+
+        def guarded() -> tuple[Any, Any]:
+            triples = [
+                (*pair, message.protection.data_id if message.protection else 0)
+                for pair, message in zip(self.pairs, self.database.messages, strict=True)
+            ]
+
+            def theirs() -> None:
+                for message, values, data_id in triples:
+                    data = bytearray(message.encode(values))
+                    p11.e2e_p11_protect(data, data_id)
+
+            return theirs, self.protected.encode
+
+        self.compare("encode, names and values in, bytes out", encode, 300)
+        self.compare("encode, cantools unchecked (strict=False)", encode_unchecked, 300)
+        self.compare("decode, bytes in, names and values out", decode, 300)
+        self.compare(f"encode all {count} messages in one call", whole, 20)
+        if all(m.protection and m.protection.profile == "P11" for m in self.database.messages):
+            self.compare("... with counters and CRCs (theirs: autosar-e2e)", guarded, 20)
+        print()
 
 
 def main() -> None:
-    """Compare on a DBC file, or on a synthetic network of 20 messages with 8 signals."""
+    """Compare on the DBC files named, else on the shipped network and a synthetic one."""
     logging.getLogger("cantools").setLevel(logging.CRITICAL)
-    path = Path(sys.argv[1]) if len(sys.argv) > 1 else None
-    if path is None:
-        import tempfile
-
-        path = Path(tempfile.mkdtemp()) / "synthetic.dbc"
-        path.write_text(synthetic())
-    database = load_database(path)
-    reference = cantools.database.can.Database()
-    reference.add_dbc_string(path.read_text())
-    named, codec = NamedCodec(database), build_codec(database)
-    count = len(database.messages)
-    everything = {
-        message.name: {
-            signal.name: signal.raw_range[0] * signal.scale + signal.offset
-            if signal.minimum is None
-            else signal.minimum
-            for signal in message.signals
-        }
-        for message in database.messages
-    }
-    message = max(database.messages, key=lambda entry: len(entry.signals))
-    theirs, values = reference.get_message_by_name(message.name), everything[message.name]
-    data = theirs.encode(values)
-    assert data == named.encode_message(message.name, values)
-    print(f"{path.name}: {count} messages; {message.name} has {len(message.signals)} signals")
-    print(f"{'':<44} {'cantools':>12} {'here':>11}")
-    name, can_id = message.name, message.can_id
-    compare(
-        "encode, names and values",
-        lambda: theirs.encode(values),
-        lambda: named.encode_message(name, values),
-        500,
-    )
-    compare(
-        "encode, cantools unchecked (strict=False)",
-        lambda: theirs.encode(values, strict=False),
-        lambda: named.encode_message(name, values),
-        500,
-    )
-    compare(
-        "decode, names and values",
-        lambda: theirs.decode(data, decode_choices=False),
-        lambda: named.decode_message(can_id, data),
-        500,
-    )
-
-    vector = np.full(len(database.signals), np.nan)
-    for entry in database.messages:
-        for signal in entry.signals:
-            vector[signal.index] = everything[entry.name][signal.name]
-    on_bus, buffer = vector.copy(), np.zeros(64, dtype=np.uint8)
-    for entry in database.messages:
-        encode(codec, entry.index, vector, buffer, on_bus)
-        raw = reference.get_message_by_name(entry.name).encode(everything[entry.name])
-        assert bytes(buffer[: codec.messages[entry.index, M_LENGTH]]) == raw
-    protection = build_protection([entry.protection for entry in database.messages])
-    restbus = build_restbus(database)
-    state = np.zeros(restbus_state_size(restbus), dtype=np.int64)
-    enabled, frames = np.ones(count, dtype=np.uint8), make_frames(count)
-    reset_restbus(restbus, state, 0)
-    sent = 0
-
-    def send_all() -> None:
-        nonlocal sent
-        state.reshape(count, -1)[:, trigger_column] = 1
-        sent = transmit(
-            codec, protection, restbus, state, enabled, vector, on_bus, 0, frames, 0, count
-        )
-
-    trigger(state, 0)
-    trigger_column = int(np.flatnonzero(state)[0]) if state.any() else 0
-    trigger_column = int(np.argmax(state.reshape(count, -1)[0] == 1))
-    pairs = [(reference.get_message_by_name(key), item) for key, item in everything.items()]
-    compare(
-        f"all {count} messages (here with schedule, CRC)",
-        lambda: [entry.encode(item) for entry, item in pairs],
-        send_all,
-        20,
-    )
-    assert sent == count
+    for path in map(Path, sys.argv[1:] or (folder("dbc") / "hev.dbc", synthetic())):
+        Bench(path).run()
 
 
 if __name__ == "__main__":

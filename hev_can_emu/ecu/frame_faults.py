@@ -20,7 +20,8 @@ from hev_can_emu.ecu import fault_table as table
 from hev_can_emu.ecu.fault_rows import CODES
 from hev_can_emu.ecu.fault_table import FaultTable, end_row, normal, uniform
 from hev_can_emu.jit import inner_kernel
-from hev_can_emu.messages.codec import (
+from hev_can_emu.messages.codec import Codec, find_message, is_active, to_pattern, to_physical
+from hev_can_emu.messages.columns import (
     M_LENGTH,
     M_WIRE_LENGTH,
     S_BIT,
@@ -28,11 +29,6 @@ from hev_can_emu.messages.codec import (
     S_LENGTH,
     S_PARENT,
     S_STEP,
-    Codec,
-    find_message,
-    is_active,
-    to_pattern,
-    to_physical,
 )
 from hev_can_emu.messages.frame import EXTENDED, SENT
 from hev_can_emu.messages.protection import (

@@ -14,9 +14,40 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hev_can_emu.jit import kernel
+from hev_can_emu.messages.columns import (
+    F_COLUMNS,
+    F_HIGH,
+    F_LOW,
+    F_OFFSET,
+    F_SCALE,
+    M_COLUMNS,
+    M_COUNT,
+    M_FIRST,
+    M_LENGTH,
+    M_QUICK,
+    M_WIRE_LENGTH,
+    S_BIT,
+    S_BYTE,
+    S_COLUMNS,
+    S_EXTRA,
+    S_EXTRA_COUNT,
+    S_HAS_NA,
+    S_INITIAL,
+    S_KIND,
+    S_LENGTH,
+    S_MISSING,
+    S_NA,
+    S_ORDER,
+    S_PARENT,
+    S_PROTECTED,
+    S_RANGE_COUNT,
+    S_RANGES,
+    S_STEP,
+)
 from hev_can_emu.messages.database import Database
 from hev_can_emu.messages.definitions import SignalDef
 from hev_can_emu.messages.frame import BRS, EXTENDED, FD
+from hev_can_emu.messages.quick import build_quick, join, quick_patterns, quick_values, word_order
 from hev_can_emu.messages.raw import (
     FLOAT16,
     FLOAT32,
@@ -30,41 +61,6 @@ from hev_can_emu.messages.raw import (
     signed_value,
 )
 
-# Columns of Codec.messages, one row per message.
-M_ID = 0
-M_FLAGS = 1  # EXTENDED, FD, BRS
-M_LENGTH = 2  # bytes in the database
-M_WIRE_LENGTH = 3  # bytes on the bus
-M_FIRST = 4  # first signal
-M_COUNT = 5  # number of signals
-M_COLUMNS = 6
-
-# Columns of Codec.signals, one row per signal.
-S_BYTE = 0  # byte of the least significant bit
-S_BIT = 1  # its place in that byte
-S_STEP = 2  # to the byte of the next higher bits: +1 little-endian, -1 big-endian
-S_LENGTH = 3
-S_KIND = 4
-S_HAS_NA = 5
-S_NA = 6  # bit pattern
-S_INITIAL = 7  # bit pattern
-S_PARENT = 8  # multiplexer signal, or -1
-S_RANGES = 9  # first pair in Codec.lists
-S_RANGE_COUNT = 10
-S_EXTRA = 11  # first labelled raw value outside the range, in Codec.lists
-S_EXTRA_COUNT = 12
-S_ORDER = 13  # the signal to encode at this place: multiplexers before what they select
-S_PROTECTED = 14  # 1: written by the message's protection, not by a value
-S_MISSING = 15  # bit pattern that NaN is sent as
-S_COLUMNS = 16
-
-# Columns of Codec.scaling, one row per signal.
-F_SCALE = 0
-F_OFFSET = 1
-F_LOW = 2  # raw
-F_HIGH = 3  # raw
-F_COLUMNS = 4
-
 #: cantools lets a value pass its limits by this part of the factor.
 _TOLERANCE = 1e-6
 
@@ -74,7 +70,8 @@ class Codec(NamedTuple):
 
     ``keys``: int64, sorted identifiers (bit 29 set: extended), ``key_messages``: int64, their messages;
     ``messages``: int64 (messages, M_COLUMNS); ``signals``: int64 (signals, S_COLUMNS);
-    ``scaling``: float64 (signals, F_COLUMNS); ``lists``: int64, ranges and labelled values.
+    ``scaling``: float64 (signals, F_COLUMNS); ``lists``: int64, ranges and labelled values; ``ranges`` and
+    ``places``: what :mod:`hev_can_emu.messages.quick` reads, and its scratch row.
     """
 
     keys: np.ndarray
@@ -83,6 +80,8 @@ class Codec(NamedTuple):
     signals: np.ndarray
     scaling: np.ndarray
     lists: np.ndarray
+    ranges: np.ndarray
+    places: np.ndarray
 
 
 def build_codec(database: Database) -> Codec:
@@ -102,6 +101,7 @@ def build_codec(database: Database) -> Codec:
             message.wire_length,
             first,
             len(message.signals),
+            word_order(message),
         ]
         keys.append((message.can_id | int(message.extended) << 29, message.index))
         by_name = {signal.name: signal for signal in message.signals}
@@ -114,6 +114,7 @@ def build_codec(database: Database) -> Codec:
             signals[first + place, S_ORDER] = signal.index
         first += len(message.signals)
     keys.sort()
+    ranges, places = build_quick(signals, scaling)
     return Codec(
         keys=np.array([key for key, _ in keys], dtype=np.int64),
         key_messages=np.array([index for _, index in keys], dtype=np.int64),
@@ -121,6 +122,8 @@ def build_codec(database: Database) -> Codec:
         signals=signals,
         scaling=scaling,
         lists=np.array(lists, dtype=np.int64),
+        ranges=ranges,
+        places=places,
     )
 
 
@@ -448,6 +451,15 @@ def decode(codec: Codec, message: int, data: np.ndarray, values: np.ndarray) -> 
     message only the selected signals are written.
     """
     row = codec.messages[message]
+    if row[M_QUICK] != 0:
+        word: Any = np.uint64(0)
+        for n in range(row[M_LENGTH]):
+            word |= np.uint64(data[n]) << np.uint64(8 * n)
+        quick_values(
+            codec.ranges, 0, codec.places, 0, codec.signals.shape[0], row[M_FIRST], row[M_COUNT],
+            word, values, 0,
+        )  # fmt: skip
+        return
     decode_signals(
         codec.signals, codec.scaling, codec.lists, row[M_FIRST], row[M_COUNT], data, values
     )
@@ -472,6 +484,17 @@ def encode(
         the number of values that were out of range and saturated.
     """
     row = codec.messages[message]
+    if row[M_QUICK] != 0:
+        first, count, stride = row[M_FIRST], row[M_COUNT], codec.signals.shape[0]
+        unusual = quick_patterns(
+            codec.ranges, 0, codec.places, 0, stride, first, count, values, 0, on_bus_values, 0
+        )
+        if unusual == 0:
+            word = join(codec.places, 0, stride, first, count, row[M_QUICK])
+            for n in range(row[M_WIRE_LENGTH]):
+                data[n] = np.uint8(word & np.uint64(255))
+                word >>= np.uint64(8)
+            return 0
     for n in range(row[M_WIRE_LENGTH]):
         data[n] = 0
     return encode_signals(

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hev_can_emu.jit import kernel
-from hev_can_emu.messages.crc import crc_table, crc_update
+from hev_can_emu.messages.crc import crc_table
 from hev_can_emu.messages.protection_spec import DATA_ID_MODES, DATA_ID_POSITIONS, ProtectionSpec
 
 OK = 0  #: in sequence
@@ -141,6 +141,11 @@ def read_bits(data: np.ndarray, first: int, count: int, big_endian: int) -> Any:
 @kernel
 def write_bits(data: np.ndarray, first: int, count: int, big_endian: int, value: int) -> None:
     """Write the low ``count`` bits of ``value`` as :func:`read_bits` reads them, leaving all others."""
+    if (first & 7) + count <= 8:
+        field = ((1 << count) - 1) << (first & 7)
+        kept: Any = np.int64(data[first >> 3]) & (255 - field)
+        data[first >> 3] = kept | ((value << (first & 7)) & field)
+        return
     bit: Any = first
     for n in range(count):
         mask = 1 << (bit & 7)
@@ -152,46 +157,62 @@ def write_bits(data: np.ndarray, first: int, count: int, big_endian: int, value:
 
 
 @kernel
-def _add_data_id(
-    protection: Protection, message: int, width: int, reflected: int, crc: Any, counter: int
-) -> Any:
-    layout = protection.layout[message]
-    table = protection.tables[message]
-    if layout[P_FROM_LIST] != 0:
-        return crc_update(table, width, reflected, crc, protection.data_ids[message, counter & 15])
-    low = layout[P_ID] & 0xFF
-    high = layout[P_ID] >> 8
-    mode = layout[P_MODE]
-    if mode == _ALTERNATING:
-        return crc_update(table, width, reflected, crc, low if counter & 1 == 0 else high)
-    crc = crc_update(table, width, reflected, crc, low)
-    if mode == _LOW:
-        return crc
-    return crc_update(table, width, reflected, crc, 0 if mode == _NIBBLE else high)
-
-
-@kernel
 def _compute_crc(
-    protection: Protection, message: int, data: np.ndarray, length: int, counter: int
+    layout: np.ndarray,
+    data_ids: np.ndarray,
+    tables: np.ndarray,
+    message: int,
+    data: np.ndarray,
+    base: int,
+    length: int,
+    counter: int,
 ) -> Any:
-    layout = protection.layout[message]
-    table = protection.tables[message]
-    width = layout[P_WIDTH]
-    reflected = layout[P_REFLECTED]
-    crc = layout[P_INIT]
-    if layout[P_POSITION] == _PREFIX:
-        crc = _add_data_id(protection, message, width, reflected, crc, counter)
-    own = layout[P_CRC_BYTE]
+    """Return the CRC of ``data[base : base + length]``.
+
+    One loop without calls or views: references that a compiled function counts cost more than the CRC.
+    """
+    ids: Any = 2
+    first_id: Any = layout[message, P_ID] & 0xFF
+    second_id: Any = layout[message, P_ID] >> 8
+    mode = layout[message, P_MODE]
+    if layout[message, P_FROM_LIST] != 0:
+        ids, first_id = 1, data_ids[message, counter & 15]
+    elif mode == _ALTERNATING:
+        ids = 1
+        if counter & 1 != 0:
+            first_id = second_id
+    elif mode == _LOW:
+        ids = 1
+    elif mode == _NIBBLE:
+        second_id = 0
+    position = layout[message, P_POSITION]
+    before = ids if position == _PREFIX else 0
+    after = ids if position == _SUFFIX else 0
+    width = layout[message, P_WIDTH]
+    reflected = layout[message, P_REFLECTED]
+    shift = width - 8
+    mask = (1 << width) - 1
+    own = layout[message, P_CRC_BYTE]
     own_end = own + (width >> 3)
-    end = length if layout[P_END] < 0 else layout[P_END]
-    for n in range(layout[P_FIRST], end):
-        if n < own or n >= own_end:
-            crc = crc_update(table, width, reflected, crc, np.int64(data[n]))
-        elif layout[P_OWN_AS_ZERO] != 0:
-            crc = crc_update(table, width, reflected, crc, 0)
-    if layout[P_POSITION] == _SUFFIX:
-        crc = _add_data_id(protection, message, width, reflected, crc, counter)
-    return crc ^ layout[P_XOR]
+    first = layout[message, P_FIRST]
+    end = length if layout[message, P_END] < 0 else layout[message, P_END]
+    crc: Any = layout[message, P_INIT]
+    for n in range(first - before, end + after):
+        if n < first:
+            byte: Any = first_id if n == first - before else second_id
+        elif n >= end:
+            byte = first_id if n == end else second_id
+        elif n < own or n >= own_end:
+            byte = np.int64(data[base + n])
+        elif layout[message, P_OWN_AS_ZERO] != 0:
+            byte = 0
+        else:
+            continue
+        if reflected != 0:
+            crc = (crc >> 8) ^ tables[message, (crc ^ byte) & 0xFF]
+        else:
+            crc = ((crc << 8) & mask) ^ tables[message, ((crc >> shift) ^ byte) & 0xFF]
+    return crc ^ layout[message, P_XOR]
 
 
 @kernel
@@ -202,39 +223,46 @@ def protect(
 
     Does nothing to an unprotected message.  ``data``: uint8, at least ``length`` long.
     """
-    layout = protection.layout[message]
-    if layout[P_ON] == 0:
+    protect_at(
+        protection.layout, protection.data_ids, protection.tables, message, data, 0, length, counter
+    )
+
+
+@kernel
+def protect_at(
+    layout: np.ndarray,
+    data_ids: np.ndarray,
+    tables: np.ndarray,
+    message: int,
+    data: np.ndarray,
+    base: int,
+    length: int,
+    counter: int,
+) -> None:
+    """Do what :func:`protect` does to ``data[base : base + length]``, from the arrays themselves."""
+    if layout[message, P_ON] == 0:
         return
-    counter = counter % layout[P_MODULUS]
-    big_endian = layout[P_COUNTER_BIG_ENDIAN]
-    write_bits(data, layout[P_COUNTER_BIT], layout[P_COUNTER_BITS], big_endian, counter)
-    if layout[P_NIBBLE_BIT] >= 0:
-        write_bits(data, layout[P_NIBBLE_BIT], 4, 0, (layout[P_ID] >> 8) & 0xF)
-    width = layout[P_WIDTH]
+    counter = counter % layout[message, P_MODULUS]
+    bit = layout[message, P_COUNTER_BIT]
+    bits = layout[message, P_COUNTER_BITS]
+    big_endian = layout[message, P_COUNTER_BIG_ENDIAN]
+    write_bits(data, 8 * base + bit, bits, big_endian, counter)
+    if layout[message, P_NIBBLE_BIT] >= 0:
+        nibble = (layout[message, P_ID] >> 8) & 0xF
+        write_bits(data, 8 * base + layout[message, P_NIBBLE_BIT], 4, 0, nibble)
+    width = layout[message, P_WIDTH]
     if width == 0:
         return
-    crc = _compute_crc(protection, message, data, length, counter)
-    own = layout[P_CRC_BYTE]
+    crc = _compute_crc(layout, data_ids, tables, message, data, base, length, counter)
+    own = base + layout[message, P_CRC_BYTE]
     if width == 8:
         data[own] = crc
-    elif layout[P_BIG_ENDIAN] != 0:
+    elif layout[message, P_BIG_ENDIAN] != 0:
         data[own] = crc >> 8
         data[own + 1] = crc & 0xFF
     else:
         data[own] = crc & 0xFF
         data[own + 1] = crc >> 8
-
-
-@kernel
-def _read_crc(layout: np.ndarray, data: np.ndarray) -> Any:
-    own = layout[P_CRC_BYTE]
-    received: Any = np.int64(data[own])
-    if layout[P_WIDTH] == 8:
-        return received
-    second: Any = np.int64(data[own + 1])
-    if layout[P_BIG_ENDIAN] != 0:
-        return (received << 8) | second
-    return received | (second << 8)
 
 
 @kernel
@@ -246,33 +274,43 @@ def check(
     ``counter_state``: int64 (1,), the last counter taken, :data:`NEVER` before the first frame.  An
     unprotected message is always OK.
     """
-    layout = protection.layout[message]
-    if layout[P_ON] == 0:
+    layout = protection.layout
+    if layout[message, P_ON] == 0:
         return OK
-    big_endian = layout[P_COUNTER_BIG_ENDIAN]
-    counter = read_bits(data, layout[P_COUNTER_BIT], layout[P_COUNTER_BITS], big_endian)
-    modulus = layout[P_MODULUS]
+    bits = layout[message, P_COUNTER_BITS]
+    big_endian = layout[message, P_COUNTER_BIG_ENDIAN]
+    counter = read_bits(data, layout[message, P_COUNTER_BIT], bits, big_endian)
+    modulus = layout[message, P_MODULUS]
     if counter >= modulus:
         return CRC_WRONG
-    if layout[P_NIBBLE_BIT] >= 0 and (
-        read_bits(data, layout[P_NIBBLE_BIT], 4, 0) != (layout[P_ID] >> 8) & 0xF
+    if layout[message, P_NIBBLE_BIT] >= 0 and (
+        read_bits(data, layout[message, P_NIBBLE_BIT], 4, 0) != (layout[message, P_ID] >> 8) & 0xF
     ):
         return CRC_WRONG
-    width = layout[P_WIDTH]
-    if width != 0 and _read_crc(layout, data) != _compute_crc(
-        protection, message, data, length, counter
-    ):
-        return CRC_WRONG
+    width = layout[message, P_WIDTH]
+    if width != 0:
+        own = layout[message, P_CRC_BYTE]
+        received: Any = np.int64(data[own])
+        if width == 16:
+            second: Any = np.int64(data[own + 1])
+            if layout[message, P_BIG_ENDIAN] != 0:
+                received = (received << 8) | second
+            else:
+                received = received | (second << 8)
+        if received != _compute_crc(
+            layout, protection.data_ids, protection.tables, message, data, 0, length, counter
+        ):
+            return CRC_WRONG
     last = counter_state[0]
     counter_state[0] = counter
     if last == NEVER:
         return FIRST
-    if layout[P_COUNTER_BITS] == 0:
+    if bits == 0:
         return OK
     step = (counter - last) % modulus
     if step == 0:
         return COUNTER_REPEATED
-    if step > layout[P_MAX_DELTA]:
+    if step > layout[message, P_MAX_DELTA]:
         return COUNTER_JUMP
     return OK
 

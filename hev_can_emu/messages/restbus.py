@@ -27,7 +27,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hev_can_emu.jit import kernel
-from hev_can_emu.messages.codec import (
+from hev_can_emu.messages.codec import Codec, to_pattern, to_physical
+from hev_can_emu.messages.columns import (
     M_COUNT,
     M_FIRST,
     S_INITIAL,
@@ -37,9 +38,6 @@ from hev_can_emu.messages.codec import (
     S_PROTECTED,
     S_RANGE_COUNT,
     S_RANGES,
-    Codec,
-    to_pattern,
-    to_physical,
 )
 from hev_can_emu.messages.database import Database
 from hev_can_emu.messages.definitions import MessageDef, SendType

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from hev_can_emu.jit import kernel
-from hev_can_emu.messages.codec import (
+from hev_can_emu.messages.codec import Codec, decode, encode, find_message, is_active, to_physical
+from hev_can_emu.messages.columns import (
     F_HIGH,
     F_LOW,
     M_COUNT,
@@ -30,12 +31,6 @@ from hev_can_emu.messages.codec import (
     S_PARENT,
     S_PROTECTED,
     S_STEP,
-    Codec,
-    decode,
-    encode,
-    find_message,
-    is_active,
-    to_physical,
 )
 from hev_can_emu.messages.frame import ERROR, EXTENDED, REMOTE, SENT
 from hev_can_emu.messages.protection import (

@@ -36,14 +36,8 @@ from hev_can_emu.ecu.supervision import take_message, watch
 from hev_can_emu.ecu.ties import ResolvedBindings, message_from_statuses, sent_value
 from hev_can_emu.ecu.transmission_unit import TransmissionUnit
 from hev_can_emu.jit import JIT_DISABLED, borrowed, counting_kernel, inner_kernel, kernel
-from hev_can_emu.messages.codec import (
-    M_COUNT,
-    M_FIRST,
-    M_WIRE_LENGTH,
-    Codec,
-    decode,
-    find_message,
-)
+from hev_can_emu.messages.codec import Codec, decode, find_message
+from hev_can_emu.messages.columns import M_COUNT, M_FIRST, M_WIRE_LENGTH
 from hev_can_emu.messages.frame import ERROR, EXTENDED, REMOTE, SENT
 from hev_can_emu.messages.protection import Protection
 from hev_can_emu.messages.restbus import Restbus

@@ -15,7 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from hev_can_emu.jit import kernel
-from hev_can_emu.messages.codec import (
+from hev_can_emu.messages.codec import Codec, decode, encode, find_message, is_active
+from hev_can_emu.messages.columns import (
     M_COUNT,
     M_FIRST,
     M_FLAGS,
@@ -23,11 +24,6 @@ from hev_can_emu.messages.codec import (
     M_LENGTH,
     M_WIRE_LENGTH,
     S_PARENT,
-    Codec,
-    decode,
-    encode,
-    find_message,
-    is_active,
 )
 from hev_can_emu.messages.database import Database
 from hev_can_emu.messages.frame import ERROR, EXTENDED, REMOTE, make_frames

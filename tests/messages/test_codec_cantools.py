@@ -12,10 +12,12 @@ import pytest
 from cantools.database import DecodeError, EncodeError
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from networks import TEXTS
 from random_dbc import random_dbc
 
 from hev_can_emu.messages.database import load_database
 from hev_can_emu.messages.named import NamedCodec
+from hev_can_emu.messages.transmit_set import TransmitSet
 
 logging.getLogger("cantools").setLevel(logging.CRITICAL)
 COUNTED: Counter[str] = Counter()
@@ -32,7 +34,7 @@ def scratch(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def both(scratch: Path, text: str):
-    scratch.write_text(text)
+    scratch.write_text(text, encoding="utf-8")
     database = load_database(scratch)
     reference = cantools.database.can.Database(strict=True)
     reference.add_dbc_string(text)
@@ -87,15 +89,13 @@ def lands_on_not_available(signal, value) -> bool:
     return round((value - signal.offset) / signal.scale) == signal.not_available
 
 
-@QUICK
-@given(seed=st.integers(0, 10**9))
-def test_bytes_equal_those_of_cantools(scratch: Path, seed: int) -> None:
-    rng = random.Random(seed)
-    database, ours, reference = both(scratch, random_dbc(rng))
+def compare_bytes(database, ours, reference, rng: random.Random, rounds: int) -> None:
+    """Encode random values of every message both ways, singly and as one set."""
+    together = TransmitSet(database)
     encoded = 0
     for message in database.messages:
         theirs = reference.get_message_by_name(message.name)
-        for _ in range(15):
+        for _ in range(rounds):
             values = {signal.name: draw_value(rng, signal) for signal in message.signals}
             if "Mux" in values:
                 values["Mux"] = rng.randrange(3)
@@ -112,10 +112,40 @@ def test_bytes_equal_those_of_cantools(scratch: Path, seed: int) -> None:
             except (EncodeError, bitstruct.Error, OverflowError):
                 continue
             assert ours.encode_message(message.name, values).hex() == expected.hex(), values
+            if all(signal.length <= 53 or signal.is_float for signal in message.signals):
+                for signal in message.signals:
+                    together.values[signal.index] = values[signal.name]
+                together.encode()
+                frame = together.frames[message.index]
+                assert frame["data"].tobytes() == expected.ljust(64, b"\0"), values
             encoded += 1
             COUNTED.update(kinds(message, selected))
     assert ours.saturations == 0
     COUNTED["encoded"] += encoded
+
+
+@QUICK
+@given(seed=st.integers(0, 10**9))
+def test_bytes_equal_those_of_cantools(scratch: Path, seed: int) -> None:
+    rng = random.Random(seed)
+    compare_bytes(*both(scratch, random_dbc(rng)), rng, 15)
+
+
+@pytest.fixture(scope="module")
+def networks(tmp_path_factory: pytest.TempPathFactory):
+    folder = tmp_path_factory.mktemp("networks")
+    return {name: both(folder / f"{n}.dbc", text) for n, (name, text) in enumerate(TEXTS.items())}
+
+
+@pytest.mark.parametrize("name", TEXTS)
+@settings(max_examples=25)
+@given(seed=st.integers(0, 10**9))
+def test_on_every_kind_of_network(networks, name: str, seed: int) -> None:
+    database, ours, reference = networks[name]
+    rng = random.Random(seed)
+    rounds = 1 if len(database.messages) > 5 else 5
+    compare_bytes(database, ours, reference, rng, rounds)
+    compare_values(database, ours, reference, rng, rounds)
 
 
 def test_every_kind_was_encoded() -> None:
@@ -133,10 +163,14 @@ def test_every_kind_was_encoded() -> None:
 @given(seed=st.integers(0, 10**9))
 def test_values_equal_those_of_cantools(scratch: Path, seed: int) -> None:
     rng = random.Random(seed)
-    database, ours, reference = both(scratch, random_dbc(rng))
+    compare_values(*both(scratch, random_dbc(rng)), rng, 15)
+
+
+def compare_values(database, ours, reference, rng: random.Random, rounds: int) -> None:
+    """Decode random frames of every message both ways."""
     for message in database.messages:
         theirs = reference.get_message_by_name(message.name)
-        for _ in range(15):
+        for _ in range(rounds):
             data = rng.choice(
                 (
                     rng.randbytes(message.length),
