@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 COMPONENTS = {
     "engine": "engine",
     "clutch": "clutch",
+    "synchronizer": "synchronizer",
     "machine": "machine",
     "current-control": "current_control",
     "hydraulics": "hydraulics",

@@ -240,6 +240,11 @@ def shift_control_step(
     centred = abs(position) <= p[P_CENTRE_BAND]
     x[X_STILL] = x[X_STILL] + p[P_DT] if abs(x[X_SPEED]) < p[P_STILL_SPEED] and pushed else 0.0
 
+    if x[X_PHASE] == NEUTRAL and zone >= sleeve.ENTERING:
+        # Found in gear at the start: so be it until another gear is asked for.
+        shift_control_start(x, 1.0 if position > 0.0 else 2.0, position)
+        if gear_request not in (0.0, 1.0, 2.0):
+            gear = x[X_TARGET]
     _choose(x, gear, force, p[P_LEAST_FORCE], centred)
     target = x[X_TARGET]
     side = 0.0 if target == 0.0 else (1.0 if target == 1.0 else -1.0)

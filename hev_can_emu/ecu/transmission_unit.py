@@ -1,24 +1,29 @@
-"""The TCU of the detailed plant: from capacity and shift force to the currents of its valves."""
+"""The TCU of the detailed plant: from capacity, gear and shift force to the currents of its valves."""
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from hev_can_emu.ecu import hydraulic_control as control
+from hev_can_emu.ecu import shift_control as shift
 from hev_can_emu.ecu.hydraulic_control import HydraulicControlParameters
+from hev_can_emu.ecu.shift_control import ShiftControlParameters
 from hev_can_emu.jit import kernel
 from hev_can_emu.plant import powertrain as plant
 from hev_can_emu.plant.detailed_parameters import DetailedParameters
 
 Array = npt.NDArray[np.float64]
 
-# State: the hydraulic control's, then its inputs and outputs.
+# State: the hydraulic control's, then its inputs and outputs; the shift control's, then its outputs.
 X_INPUTS = control.N_STATE
 X_OUTPUTS = X_INPUTS + control.N_IN
-N_STATE = X_OUTPUTS + control.N_OUT
+X_SHIFT = X_OUTPUTS + control.N_OUT
+X_TOLD = X_SHIFT + shift.N_STATE
+N_STATE = X_TOLD + shift.N_OUT
 
 TUNING = HydraulicControlParameters(
     bandwidth=100.0,
@@ -38,12 +43,32 @@ TUNING = HydraulicControlParameters(
 )
 """Of the default car's hydraulics; docs/detailed/hydraulics.md has the step responses."""
 
+SHIFT = ShiftControlParameters(
+    max_force=2000.0,
+    least_force=50.0,
+    travel_force=700.0,
+    dog_force=800.0,
+    holding_force=200.0,
+    holding_time=0.05,
+    centring_force=250.0,
+    centring_stiffness=1.5e5,
+    centring_damping=1500.0,
+    centre_band=4e-4,
+    speed_time=0.002,
+    timeout=1.0,
+    lost_force_time=0.05,
+    still_time=0.03,
+    still_speed=0.003,
+)
+"""Of the default car's sleeve; docs/detailed/synchronizer.md has the times of its shifts."""
+
 
 class TransmissionUnit(NamedTuple):
-    """Constants: packed parameters of the control, and the friction map that it believes."""
+    """Constants: packed parameters of both controls, and the friction map that it believes."""
 
     control: Array
     clutch: Array
+    shift: Array
 
 
 def build_unit(finer: DetailedParameters) -> TransmissionUnit:
@@ -51,6 +76,7 @@ def build_unit(finer: DetailedParameters) -> TransmissionUnit:
     return TransmissionUnit(
         control=TUNING.pack(finer.hydraulics),
         clutch=finer.clutch.pack(1e-3, finer.transmission.clutch_wear),
+        shift=SHIFT.pack(),
     )
 
 
@@ -58,6 +84,7 @@ def start_unit(state: Array) -> None:
     """Set the unit's state, shape (N_STATE,), to open and at rest."""
     state[:] = 0.0
     control.control_start(state[: control.N_STATE], 0.0)
+    shift.shift_control_start(state[X_SHIFT:X_TOLD], 0.0, 0.0)
 
 
 @kernel
@@ -68,13 +95,23 @@ def transmission_step(unit: TransmissionUnit, x: Array, truth: Array, command: A
         unit: constants.
         x: state, shape (N_STATE,), changed in place.
         truth: the plant's, of the last period: pressures, slip, temperature, sleeve.
-        command: capacity and shift force come in, currents and pump go out.
+        command: capacity, gear and shift force come in, currents and pump go out.
     """
     inputs = x[X_INPUTS:X_OUTPUTS]
-    out = x[X_OUTPUTS:]
+    out = x[X_OUTPUTS:X_SHIFT]
+    gear, force = command[plant.U_GEAR], command[plant.U_SHIFT_FORCE]
+    if not math.isnan(command[plant.U_EXTERNAL_GEAR]):
+        gear = command[plant.U_EXTERNAL_GEAR]
+        force = unit.shift[shift.P_MAX_FORCE]
+    told = x[X_TOLD:N_STATE]
+    slip = truth[plant.Y_SYNC_SLIP]
+    shift.shift_control_step(
+        unit.shift, x[X_SHIFT:X_TOLD], gear, force, truth[plant.Y_SLEEVE_POSITION], slip, slip,
+        truth[plant.Y_SLEEVE_ZONE], truth[plant.Y_SYNC_TORQUE], told,
+    )  # fmt: skip
     capacity = command[plant.U_CLUTCH_CAPACITY]
     inputs[control.IN_CAPACITY] = capacity if capacity > 0.0 else 0.0
-    inputs[control.IN_FORCE] = 0.0
+    inputs[control.IN_FORCE] = told[shift.OUT_FORCE]
     inputs[control.IN_SUPPLY] = truth[plant.Y_SUPPLY_PRESSURE]
     inputs[control.IN_CLUTCH] = truth[plant.Y_CLUTCH_PRESSURE]
     inputs[control.IN_SHIFT1] = truth[plant.Y_SHIFT_PRESSURE1]
@@ -87,3 +124,11 @@ def transmission_step(unit: TransmissionUnit, x: Array, truth: Array, command: A
     command[plant.U_SHIFT_CURRENT1] = out[control.OUT_CURRENT_SHIFT1]
     command[plant.U_SHIFT_CURRENT2] = out[control.OUT_CURRENT_SHIFT2]
     command[plant.U_PUMP] = out[control.OUT_PUMP]
+
+
+@kernel
+def tell_shift(x: Array, truth: Array) -> None:
+    """Enter phase and gear of the shift, which the unit alone knows, into the plant's truth."""
+    told = x[X_TOLD:N_STATE]
+    truth[plant.Y_SYNC_PHASE] = told[shift.OUT_PHASE]
+    truth[plant.Y_GEAR] = told[shift.OUT_GEAR]

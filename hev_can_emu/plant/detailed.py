@@ -27,8 +27,9 @@ from hev_can_emu.plant import (
     ledger,
     pmsm,
     road,
+    shifting,
+    sleeve,
     speed_control,
-    synchronizer,
     teeth,
     thermal,
     wet_clutch,
@@ -138,41 +139,6 @@ def _before_the_steps(plant: DetailedPlant, x: Array, u: Array, y: Array, work: 
 
 
 @kernel
-def _shift(
-    plant: DetailedPlant, x: Array, n: Integers, u: Array, y: Array, books: Array, out: Array,
-    kinetic: Array, static: Array,
-) -> None:  # fmt: skip
-    """Move the sleeve for this tick and write what cones and dogs can carry."""
-    bank = plant.bank
-    drive_x = x[lay.X_DRIVELINE :]
-    gear, force = u[port.U_GEAR], u[port.U_SHIFT_FORCE]
-    if not math.isnan(u[port.U_EXTERNAL_GEAR]):
-        gear = u[port.U_EXTERNAL_GEAR]
-        force = plant.synchronizer[synchronizer.P_MAX_FORCE]
-    synchronizer.synchronizer_step(
-        plant.synchronizer, x[lay.X_SYNC : lay.X_SYNC + synchronizer.N_STATE], gear, force,
-        row_speed(bank.speed_at, bank.speed_by, drive_x, N_PORTS + G1),
-        row_speed(bank.speed_at, bank.speed_by, drive_x, N_PORTS + G2),
-        float(n[HELD + G1]), float(n[HELD + G2]), y[port.Y_SYNC_TORQUE], out,
-    )  # fmt: skip
-    half = plant.car[lay.CAR_HALF_PLAY]
-    for index in range(2):
-        cone, dogs = out[synchronizer.OUT_CONE1 + index], out[synchronizer.OUT_DOG1 + index]
-        lock = G1 + index
-        was_in = books[teeth.HALF + index] > 0.0
-        books[teeth.HALF + index] = 0.0
-        kinetic[lock] = static[lock] = cone
-        if dogs > 0.5:
-            static[lock] = np.inf
-            kinetic[lock] = 1e4
-            if half > 0.0:
-                kinetic[lock] = 0.0
-                books[teeth.HALF + index] = half
-                if not was_in:
-                    books[teeth.GAP + index] = 0.0
-
-
-@kernel
 def _steps(
     plant: DetailedPlant,
     x: Array,
@@ -198,6 +164,9 @@ def _steps(
     x_oil, x_clutch = x[lay.X_OIL : lay.X_CLUTCH], x[lay.X_CLUTCH : lay.X_SYNC]
     p_engine, em1, em2, p_link = plant.engine, plant.em1, plant.em2, plant.link
     p_oil, p_clutch, p_road = plant.hydraulics, plant.clutch, plant.road
+    p_sleeve, x_sync = plant.sleeve, x[lay.X_SYNC : lay.X_BOUNDS]
+    sleeve_out = work[lay.W_SYNC : lay.W_BRAKES]
+    play = plant.car[lay.CAR_PLAY] > 0.5
     hold = work[lay.W_HOLD :]
     tick = work[lay.W_TICK : lay.W_ENGINE]
     engine_out = work[lay.W_ENGINE : lay.W_ENERGY]
@@ -221,6 +190,8 @@ def _steps(
     cooling = plant.car[lay.CAR_COOLING]
     oil_temperature = x[lay.X_COOLANT]
     share = 1.0 / plant.steps
+    oil_out[hydraulics.OUT_SHIFT_FORCE] = x_sync[shifting.X_GIVEN]
+    oil_out[hydraulics.OUT_SHIFT_STIFFNESS] = x_sync[shifting.X_STIFFNESS]
     for k in range(plant.steps):
         speed = row_speed(at, by, drive_x, ENGINE)
         speed1, speed2 = row_speed(at, by, drive_x, EM1), row_speed(at, by, drive_x, EM2)
@@ -239,6 +210,17 @@ def _steps(
             p_road, radius * row_speed(at, by, drive_x, ROAD), hold[lay.H_GRADE], 0.0, road_out
         )
         forces[ROAD] = road_out[road.OUT_BODY_TORQUE]
+        inner.shift(
+            bank, p_sleeve, x_sync, oil_out, drive_x, n, forces, books, kinetic, static, play,
+            sleeve_out,
+        )  # fmt: skip
+        hydraulics.hydraulics_step(
+            p_oil, x_oil, current0, current1, current2, pump, x_sync[sleeve.X_POSITION], oil_out
+        )
+        inner.book_oil(oil_out, tick)
+        shifting.book_sleeve(
+            sleeve_out, oil_out[hydraulics.OUT_SLEEVE_WORK], tick[ledger.L_SLEEVE :]
+        )
         inner.capacities(
             p_clutch, x_clutch, oil_out, row_speed(at, by, drive_x, N_PORTS + C1), oil_temperature,
             hold, road_out, n, clutch_out, kinetic, static,
@@ -248,6 +230,7 @@ def _steps(
             bank, drive_x, n, forces, kinetic, static, books, trial, t_ns + k * plant.step_ns,
             plant.step_ns, events, n_events, extras,
         )  # fmt: skip
+        shifting.turn_gears(p_sleeve, x_sync, books)
         inner.engine_energy(
             p_engine, engine_out, external, inner.turned(books, ENGINE), energy, tick, x
         )
@@ -261,8 +244,6 @@ def _steps(
         )  # fmt: skip
         inner.book_road(road_out, inner.turned(books, ROAD), tick, x)
         inner.link_and_battery(p_link, x_link, hold, step, taken, link_out, tick, mean)
-        hydraulics.hydraulics_step(p_oil, x_oil, current0, current1, current2, pump, 0.0, oil_out)
-        inner.book_oil(oil_out, tick)
         wet_clutch.heat_step(
             p_clutch, x_clutch, books[teeth.FRICTION + C1] - warm, cooling, oil_temperature,
             heat_out,
@@ -272,6 +253,8 @@ def _steps(
         )
         mean[lay.M_EM1] += share * out1[pmsm.OUT_TORQUE]
         mean[lay.M_EM2] += share * out2[pmsm.OUT_TORQUE]
+    x_sync[shifting.X_GIVEN] = oil_out[hydraulics.OUT_SHIFT_FORCE]
+    x_sync[shifting.X_STIFFNESS] = oil_out[hydraulics.OUT_SHIFT_STIFFNESS]
     return n_events
 
 
@@ -385,6 +368,7 @@ def _after_the_steps(
     y[port.Y_CLUTCH_PRESSURE] = oil[hydraulics.OUT_CLUTCH]
     y[port.Y_SHIFT_PRESSURE1] = oil[hydraulics.OUT_SHIFT1]
     y[port.Y_SHIFT_PRESSURE2] = oil[hydraulics.OUT_SHIFT2]
+    y[port.Y_SHIFT_FORCE] = oil[hydraulics.OUT_SHIFT_FORCE]
 
 
 @kernel
@@ -409,18 +393,14 @@ def observe(plant: DetailedPlant, x: Array, n: Integers, forces: Array, y: Array
     y[port.Y_CLUTCH_TORQUE] = -driveline.friction_torque(bank, drive_x, n, forces, C1)
     y[port.Y_CLUTCH_SLIP] = row_speed(at, by, drive_x, N_PORTS + C1)
     y[port.Y_CLUTCH_HELD] = n[HELD + C1]
-    target = x[lay.X_SYNC + synchronizer.X_TARGET]
-    sync = G2 if target == 2.0 else G1
+    x_sync = x[lay.X_SYNC : lay.X_BOUNDS]
+    position = x_sync[sleeve.X_POSITION]
+    # The gear on whose side the sleeve stands; its phase and gear are told by the TCU.
+    sync = G2 if position < 0.0 else G1
     y[port.Y_SYNC_TORQUE] = -driveline.friction_torque(bank, drive_x, n, forces, sync)
-    y[port.Y_SYNC_SLIP] = row_speed(at, by, drive_x, N_PORTS + sync) if target != 0.0 else 0.0
-    y[port.Y_SYNC_PHASE] = x[lay.X_SYNC + synchronizer.X_PHASE]
-    y[port.Y_SLEEVE_POSITION] = x[lay.X_SYNC + synchronizer.X_POSITION]
-    y[port.Y_SHIFT_FORCE] = x[lay.X_SYNC + synchronizer.X_FORCE]
-    y[port.Y_GEAR] = float(synchronizer.BETWEEN)
-    if y[port.Y_SYNC_PHASE] == synchronizer.ENGAGED:
-        y[port.Y_GEAR] = target
-    elif y[port.Y_SLEEVE_POSITION] == 0.0:
-        y[port.Y_GEAR] = 0.0
+    y[port.Y_SYNC_SLIP] = row_speed(at, by, drive_x, N_PORTS + sync) if position != 0.0 else 0.0
+    y[port.Y_SLEEVE_POSITION] = position
+    y[port.Y_SLEEVE_ZONE] = x_sync[sleeve.X_ZONE]
     y[port.Y_DOGS_HELD] = float(n[HELD + G1] + n[HELD + G2])
     y[port.Y_BODY_HELD] = n[HELD + BODY]
     y[port.Y_LINK_VOLTAGE] = x[lay.X_LINK]
@@ -452,20 +432,14 @@ def detailed_step(
 ) -> int:
     """Advance one control period of 1 ms; arguments as :func:`.powertrain.plant_step`.
 
-    ``x`` has ``detailed_layout.state_size`` values, ``work`` ``detailed_layout.WORK``; the hydraulics'
-    outputs in ``work`` follow from the state (:func:`refresh`) and may be lost between ticks.
+    ``x`` has ``detailed_layout.state_size`` values, ``work`` ``detailed_layout.WORK``, of which nothing is
+    kept from tick to tick.  Phase and gear of the shift are the TCU's to tell.
     """
     for i in range(lay.W_TICK, lay.W_ENGINE):
         work[i] = 0.0
     for i in range(lay.W_MEAN, lay.W_TRIAL):
         work[i] = 0.0
     _before_the_steps(plant, x, u, y, work)
-    locks = plant.bank.speed_at.shape[0] - N_PORTS
-    _shift(
-        plant, x, n, u, y, x[lay.X_BOOKS : lay.X_DRIVELINE],
-        work[lay.W_SYNC : lay.W_SYNC + synchronizer.N_OUT],
-        work[lay.W_KINETIC : lay.W_KINETIC + locks], work[lay.W_STATIC : lay.W_STATIC + locks],
-    )  # fmt: skip
     n_events = _steps(plant, x, n, u, y, work, t_ns, events, n_events)
     _after_the_steps(plant, x, n, u, y, work, t_ns)
     return n_events
@@ -499,4 +473,4 @@ def stored_energies(plant: DetailedPlant, x: Array, n: Integers, out: Array) -> 
     link = x[lay.X_LINK]
     out[ledger.S_LINK] = 0.5 * plant.link[dc_link.P_CAPACITANCE] * link * link
     out[ledger.S_OIL] = hydraulics.stored_energy(plant.hydraulics, x[lay.X_OIL : lay.X_CLUTCH])
-    out[ledger.S_SLEEVE] = 0.0
+    out[ledger.S_SLEEVE] = shifting.sleeve_energy(plant.sleeve, x[lay.X_SYNC : lay.X_BOUNDS])

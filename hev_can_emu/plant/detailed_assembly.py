@@ -61,7 +61,7 @@ def build_detailed(
     car = np.zeros(lay.N_CAR)
     car[lay.CAR_RADIUS] = radius
     car[lay.CAR_COOLING] = finer.transmission.clutch_cooling
-    car[lay.CAR_HALF_PLAY] = 0.5 * finer.transmission.dog_play if effects.dog_play else 0.0
+    car[lay.CAR_PLAY] = 1.0 if effects.dog_play else 0.0
     return DetailedPlant(
         bank=bank,
         extras=build_extras(structure, bank, pistons, effects.mesh_play, effects.damper_work),
@@ -79,7 +79,7 @@ def build_detailed(
         road=machines.road.pack(parameters.inertias["Jv"] / radius**2, radius),
         hydraulics=finer.hydraulics.pack(step),
         clutch=finer.clutch.pack(step, clutch_wear),
-        synchronizer=machines.synchronizer.pack(),
+        sleeve=finer.sleeve.pack(step),
         coolant=machines.engine_coolant.pack(),
         car=car,
         steps=1_000_000 // effects.step_ns,

@@ -22,6 +22,7 @@ from hev_can_emu.plant.hydraulic_parameters import (
 from hev_can_emu.plant.inverter import InverterParameters
 from hev_can_emu.plant.pmsm import PmsmParameters
 from hev_can_emu.plant.record_file import file_type, from_file, validate
+from hev_can_emu.plant.sleeve_parameters import SleeveParameters
 from hev_can_emu.plant.torque_map import TorqueMapParameters
 from hev_can_emu.plant.wet_clutch import FrictionParameters, WetClutchParameters
 
@@ -99,8 +100,20 @@ UNITS: dict[type, dict[str, str]] = {
         "expulsion_slip": _SPEED, "heat_capacity": "J/K", "oil_heat": "J/(m^3 K)",
         "still_cooling": "W/K",
     },
+    SleeveParameters: {
+        "mass": "kg", "damping": "N s/m", "guide_friction": _FORCE, "neutral_force": _FORCE,
+        "neutral_width": _LENGTH, "engaged_force": _FORCE, "engaged_width": _LENGTH,
+        "strut_force": _FORCE, "strut_position": _LENGTH, "blocking_position": _LENGTH,
+        "dog_position": _LENGTH, "chamfer_depth": _LENGTH, "least_overlap": _LENGTH,
+        "end_position": _LENGTH, "cone_friction": _PURE, "cone_radius": _LENGTH,
+        "cone_angle": _ANGLE, "cones_g1": _PURE, "cones_g2": _PURE, "ring_chamfer_angle": _ANGLE,
+        "chamfer_friction": _PURE, "index_time": _TIME, "index_force": _FORCE,
+        "flight_share": _PURE, "dog_teeth": _PURE, "dog_radius": _LENGTH,
+        "half_clearance": _ANGLE, "dog_slip": _SPEED, "dog_friction": _PURE,
+        "ratchet_share": _PURE, "ratchet_speed": "m/s",
+    },
     TransmissionParameters: {
-        "clutch_wear": _PURE, "clutch_cooling": "m^3/s", "dog_play": _ANGLE,
+        "clutch_wear": _PURE, "clutch_cooling": "m^3/s",
     },
     RearAxle: {"inertia": "kg m^2", "stiffness": "N m/rad", "damping": "N m s/rad"},
 }  # fmt: skip

@@ -14,18 +14,33 @@ import numpy as np
 import numpy.typing as npt
 
 from hev_can_emu.jit import kernel
-from hev_can_emu.plant import combustion, dc_link, hydraulics, ledger, pmsm, road, wet_clutch
+from hev_can_emu.plant import (
+    combustion,
+    dc_link,
+    hydraulics,
+    ledger,
+    pmsm,
+    road,
+    shifting,
+    wet_clutch,
+)
 from hev_can_emu.plant import detailed_layout as lay
 from hev_can_emu.plant import electric_drive as drive
 from hev_can_emu.plant import torque_source as source
+from hev_can_emu.plant.bank import Bank
+from hev_can_emu.plant.driveline import friction_torque
 from hev_can_emu.plant.holding import HELD
+from hev_can_emu.plant.motion import row_speed
 from hev_can_emu.plant.structure import (
     BODY,
     C1,
     EM1,
     EM2,
     ENGINE,
+    G1,
+    G2,
     LEFT,
+    N_PORTS,
     REAR,
     RIGHT,
     ROAD,
@@ -128,6 +143,35 @@ def engine_energy(
     tick[ledger.L_ENGINE_SHAFT] += energy[combustion.J_SHAFT]
     x[lay.X_GAS] -= energy[combustion.J_RIPPLE]
     x[lay.X_FUEL] += energy[combustion.M_FUEL]
+
+
+@kernel
+def shift(
+    bank: Bank,
+    p: Array,
+    x: Array,
+    oil: Array,
+    drive_x: Array,
+    n: Integers,
+    forces: Array,
+    books: Array,
+    kinetic: Array,
+    static: Array,
+    play: bool,
+    out: Array,
+) -> None:
+    """Move the sleeve under the cylinder's force of the step before; its locks follow."""
+    torque1 = torque2 = 0.0
+    if n[HELD + G1] == 1:
+        torque1 = friction_torque(bank, drive_x, n, forces, G1)
+    if n[HELD + G2] == 1:
+        torque2 = friction_torque(bank, drive_x, n, forces, G2)
+    at, by = bank.speed_at, bank.speed_by
+    shifting.move_sleeve(
+        p, x, oil[hydraulics.OUT_SHIFT_FORCE], oil[hydraulics.OUT_SHIFT_STIFFNESS],
+        row_speed(at, by, drive_x, N_PORTS + G1), row_speed(at, by, drive_x, N_PORTS + G2),
+        torque1, torque2, play, n, books, kinetic, static, out,
+    )  # fmt: skip
 
 
 @kernel

@@ -21,8 +21,9 @@ from hev_can_emu.plant import (
     ledger,
     power_allocation,
     road,
+    shifting,
+    sleeve,
     speed_control,
-    synchronizer,
     teeth,
     thermal,
     wet_clutch,
@@ -48,7 +49,7 @@ X_BRAKES = X_COOLANT + 1
 X_OIL = X_BRAKES + brakes.N_STATE
 X_CLUTCH = X_OIL + hydraulics.N_STATE
 X_SYNC = X_CLUTCH + wet_clutch.N_STATE
-X_BOUNDS = X_SYNC + synchronizer.N_STATE  # published torques of EM1 and EM2: min, max each
+X_BOUNDS = X_SYNC + shifting.N_STATE  # published torques of EM1 and EM2: min, max each
 X_FUEL = X_BOUNDS + 4  # burnt, kg
 X_HEIGHT = X_FUEL + 1  # gravity's work against the car, J
 X_GAS = X_HEIGHT + 1  # pressed into the cylinders by ripple, J
@@ -68,7 +69,7 @@ W_CLUTCH = W_LINK + dc_link.N_OUT
 W_HEAT = W_CLUTCH + wet_clutch.N_OUT
 W_OIL = W_HEAT + wet_clutch.N_HEAT
 W_SYNC = W_OIL + hydraulics.N_OUT
-W_BRAKES = W_SYNC + synchronizer.N_OUT
+W_BRAKES = W_SYNC + sleeve.N_OUT
 W_ROAD = W_BRAKES + brakes.N_OUT
 W_LIMITS = W_ROAD + road.N_OUT
 W_POWER = W_LIMITS + battery.N_LIM
@@ -89,7 +90,7 @@ WORK = W_TRIAL + driveline.TRIAL
 M_ENGINE, M_EM1, M_EM2, M_CURRENT, M_CUT1, M_CUT2, M_DISCHARGE, M_CHARGE = range(8)
 
 # Packed parameters of the car as a whole.
-CAR_RADIUS, CAR_COOLING, CAR_HALF_PLAY, CAR_WEIGHT = 0, 1, 2, 3
+CAR_RADIUS, CAR_COOLING, CAR_PLAY, CAR_WEIGHT = 0, 1, 2, 3
 N_CAR = 4
 
 assert electric_drive.N_OUT > freewheel.N_OUT
@@ -117,7 +118,7 @@ class DetailedPlant(NamedTuple):
     road: Array
     hydraulics: Array
     clutch: Array
-    synchronizer: Array
+    sleeve: Array
     coolant: Array
     car: Array
     steps: int
@@ -144,7 +145,7 @@ def borrow_detailed(plant: DetailedPlant) -> DetailedPlant:
         borrowed(plant.road),
         borrowed(plant.hydraulics),
         borrowed(plant.clutch),
-        borrowed(plant.synchronizer),
+        borrowed(plant.sleeve),
         borrowed(plant.coolant),
         borrowed(plant.car),
         plant.steps,

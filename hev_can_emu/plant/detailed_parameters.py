@@ -13,6 +13,7 @@ from hev_can_emu.plant.dc_link import DcLinkParameters
 from hev_can_emu.plant.electric_drive import DriveParameters
 from hev_can_emu.plant.geared import RearAxle
 from hev_can_emu.plant.hydraulic_parameters import HydraulicsParameters
+from hev_can_emu.plant.sleeve_parameters import SleeveParameters
 from hev_can_emu.plant.wet_clutch import WetClutchParameters
 
 
@@ -22,17 +23,15 @@ class TransmissionParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=
     Attributes:
         clutch_wear: of C1's friction curves, 0 fresh to 1 aged.
         clutch_cooling: oil through its plates, m^3/s.
-        dog_play: whole play of the dogs of G1 and G2, rad.
     """
 
     clutch_wear: float
     clutch_cooling: float
-    dog_play: float
 
     def validate(self, where: str) -> None:
         """Raise :class:`InputError` naming the first value that makes no sense."""
         checks.fraction(where, self, "clutch_wear")
-        checks.not_negative(where, self, "clutch_cooling", "dog_play")
+        checks.not_negative(where, self, "clutch_cooling")
 
 
 class DetailedParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -44,6 +43,7 @@ class DetailedParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     dc_link: DcLinkParameters
     hydraulics: HydraulicsParameters
     clutch: WetClutchParameters
+    sleeve: SleeveParameters
     transmission: TransmissionParameters
     rear_axle: RearAxle
 

@@ -21,10 +21,12 @@ from hev_can_emu.plant.sleeve_parameters import P_HALF, P_MASS, P_PITCH
 from hev_can_emu.plant.structure import G1, N_PORTS
 
 # Layout of the state: the sleeve's own, its angle against each gear, rad, within half a pitch, the
-# cylinder's force N and the sleeve's place m when the step before began.
+# cylinder's force N and the sleeve's place m when the step before began, its force N and stiffness N/m now
+# (kept here from tick to tick by the plant).
 X_ANGLE = sleeve.N_STATE
 X_FORCE, X_PLACE = X_ANGLE + 2, X_ANGLE + 3
-N_STATE = X_ANGLE + 4
+X_GIVEN, X_STIFFNESS = X_ANGLE + 4, X_ANGLE + 5
+N_STATE = X_ANGLE + 6
 
 RIGID = 1e4  # N m; takes the last slip at once where dogs have no play
 

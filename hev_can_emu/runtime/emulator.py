@@ -70,7 +70,7 @@ MODE_NAMES = (
 )  # fmt: skip
 PHASES = (
     "neutral", "travel", "synchronising", "index", "engaged",
-    "disengaging", "aborted", "blocked by torque", "grating",
+    "disengaging", "aborted", "blocked by torque", "grating", "tooth on tooth",
 )  # fmt: skip
 LOCKS = ("C1", "G1", "G2", "left brake", "right brake", "body", "rear brakes")
 _REQUEST_STATES = (

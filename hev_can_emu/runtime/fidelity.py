@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from numba.extending import overload
 
-from hev_can_emu.ecu.transmission_unit import TransmissionUnit, transmission_step
+from hev_can_emu.ecu.transmission_unit import TransmissionUnit, tell_shift, transmission_step
 from hev_can_emu.jit import kernel
 from hev_can_emu.plant.detailed import detailed_step
 from hev_can_emu.plant.detailed_layout import DetailedPlant, borrow_detailed
@@ -38,7 +38,9 @@ def advance_detailed(
 ) -> int:  # fmt: skip
     """Let the TCU work its valves, then advance the detailed plant by one tick."""
     transmission_step(unit, transmission, truth, command)
-    return detailed_step(plant, x, n, command, truth, work, t_ns, events, n_events)
+    n_events = detailed_step(plant, x, n, command, truth, work, t_ns, events, n_events)
+    tell_shift(transmission, truth)
+    return n_events
 
 
 def borrowed_plant(plant: Any) -> Any:

@@ -8,7 +8,8 @@ import pytest
 
 from hev_can_emu.errors import InputError
 from hev_can_emu.runtime.emulator import Emulator
-from hev_can_emu.runtime.playing import Playing, read_scenario
+from hev_can_emu.runtime.playing import Playing
+from hev_can_emu.runtime.scenario_runs import read_scenario
 from hev_can_emu.runtime.setup import Setup
 from hev_can_emu.runtime.virtual import play_virtual
 
