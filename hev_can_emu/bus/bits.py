@@ -18,6 +18,7 @@ INTERMISSION = 3  #: bits between a frame's end and the next one's start
 CLASSIC_TAIL = 10  # CRC delimiter, ACK slot, ACK delimiter, 7 bits of end of frame
 FD_CRC17 = 4 + 17 + 6  # stuff count, CRC, fixed stuff bits
 FD_CRC21 = 4 + 21 + 7
+SCRATCH_BITS = 39 + 4 + 8 * 64 + 15  #: most bits from start of frame to CRC, not stuffed
 _CRC15 = 0x4599
 
 
@@ -63,19 +64,19 @@ def _head(can_id: int, flags: int, bits: npt.NDArray[np.uint8]) -> Any:
 
 
 @kernel
-def count_bits(frames: npt.NDArray[np.void], i: int) -> Any:
+def count_bits(frames: npt.NDArray[np.void], i: int, bits: npt.NDArray[np.uint8]) -> Any:
     """Return how many bits of ``frames[i]`` have the nominal and how many the data bit rate.
 
     From start to end of frame, without the intermission.  Where the rate is switched, the bit BRS is
     counted as nominal and the CRC delimiter as data: each is sent in part at both rates, and together
-    they take one bit of each.
+    they take one bit of each.  ``bits``: room for SCRATCH_BITS.
     """
     flags: Any = np.int64(frames[i]["flags"])
     length: Any = np.int64(frames[i]["length"])
     can_id: Any = np.int64(frames[i]["id"])
-    bits = np.empty(16 + 39 + 8 * 64 + 15, dtype=np.uint8)
     n = _head(can_id, flags, bits)
     fd = flags & FD != 0
+    length = min(length, 64 if fd else 8)
     switch = n  # stuff bits before the bit after BRS, and all later ones, have the data rate
     if fd:
         n = _append(bits, n, 0, 1)  # ESI
@@ -126,10 +127,22 @@ def count_bits(frames: npt.NDArray[np.void], i: int) -> Any:
 
 
 @kernel
-def count_all_bits(frames: npt.NDArray[np.void], count: int, bits: npt.NDArray[np.int64]) -> None:
+def count_all_bits(
+    frames: npt.NDArray[np.void],
+    count: int,
+    scratch: npt.NDArray[np.uint8],
+    bits: npt.NDArray[np.int64],
+) -> None:
     """Write :func:`count_bits` of the first ``count`` frames into ``bits``, shape (count, 2)."""
     for i in range(count):
-        bits[i, 0], bits[i, 1] = count_bits(frames, i)
+        bits[i, 0], bits[i, 1] = count_bits(frames, i, scratch)
+
+
+def bits_of(frames: npt.NDArray[np.void]) -> npt.NDArray[np.int64]:
+    """Return nominal and fast bits of each frame, shape (n, 2)."""
+    bits = np.empty((len(frames), 2), dtype=np.int64)
+    count_all_bits(frames, len(frames), np.empty(SCRATCH_BITS, dtype=np.uint8), bits)
+    return bits
 
 
 def priority(can_id: int, flags: int) -> int:

@@ -213,8 +213,7 @@ class Bus(ABC):
             self.medium.stop()
 
     def _note_state(self, event: WireEvent) -> None:
-        errors = f"{event.transmit_errors} transmit, {event.receive_errors} receive errors"
-        self._notices.append(f"{event.node} is {event.state} ({errors})")
+        self._notices.append(event.describe())
 
     def _take_carried(self, record: bytes, t_ns: int) -> None:
         """Put a frame that the medium carried into the inbox, stamped when it had."""

@@ -15,7 +15,7 @@ from collections import deque
 
 import numpy as np
 
-from hev_can_emu.bus.bits import INTERMISSION, count_all_bits, priority
+from hev_can_emu.bus.bits import INTERMISSION, bits_of, priority
 from hev_can_emu.bus.disturbance import ActiveDisturbance, Disturbance, Flood
 from hev_can_emu.bus.error_counters import BUS_OFF, PASSIVE, RECOVERY_SEQUENCES, ErrorCounters
 from hev_can_emu.bus.port import RECORD
@@ -139,9 +139,7 @@ class Wire:
         self._arrivals.extend((t_ns, sender, each) for each in self._pending(t_ns, raw))
 
     def _pending(self, t_ns: int, raw: bytes) -> list[Pending]:
-        frames = np.frombuffer(raw, dtype=FRAME)
-        bits = np.empty((len(frames), 2), dtype=np.int64)
-        count_all_bits(frames, len(frames), bits)
+        bits = bits_of(np.frombuffer(raw, dtype=FRAME))
         found = []
         for i, (nominal, fast) in enumerate(bits.tolist()):
             record = raw[i * RECORD.size : (i + 1) * RECORD.size]

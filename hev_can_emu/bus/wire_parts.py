@@ -41,6 +41,11 @@ class WireEvent(NamedTuple):
     transmit_errors: int
     receive_errors: int
 
+    def describe(self) -> str:
+        """Return it in words."""
+        errors = f"{self.transmit_errors} transmit, {self.receive_errors} receive errors"
+        return f"{self.node} is {self.state} ({errors})"
+
 
 class Pending(NamedTuple):
     """A frame that waits; ordered by arbitration, then by submission."""

@@ -414,6 +414,10 @@ class Emulator:
             raise InputError("measured", "a status port", f"'{name}'", hint)
         return float(self.state.statuses[names.index(name)])
 
+    def note(self, event: Event) -> None:
+        """Let an event from outside, such as the bus's, be told among the car's own."""
+        self._noted.append(event)
+
     def take_events(self) -> list[Event]:
         """Return what happened since the last call."""
         events, self._noted = self._noted, []

@@ -6,7 +6,7 @@ import zlib
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from hev_can_emu.bus.bits import INTERMISSION, count_bits
+from hev_can_emu.bus.bits import INTERMISSION, bits_of
 from hev_can_emu.bus.disturbance import Disturbance, Flood
 from hev_can_emu.bus.medium import Medium
 from hev_can_emu.bus.wire import FOREVER
@@ -135,7 +135,7 @@ class WireFaults:
     ) -> tuple[Callable[[], None], Callable[[], int]]:
         wire = self._medium.wire
         record = frame(fault.id, b"\xff" * fault.length, flags=EXTENDED if fault.extended else 0)
-        nominal, _ = count_bits(record, 0)
+        nominal = bits_of(record)[0, 0]
         busy_ns = wire.timing.bits_ns(int(nominal) + INTERMISSION)
         period_ns = 0 if fault.load >= 1.0 else round(busy_ns / fault.load)
         number = wire.flood(name, Flood(record.tobytes(), period_ns, start_ns, end_ns))

@@ -6,9 +6,9 @@ import numpy as np
 import numpy.typing as npt
 
 from hev_can_emu.bus.medium import Medium, Port
-from hev_can_emu.bus.wire_parts import Timing
+from hev_can_emu.bus.wire_parts import Timing, WireEvent
 from hev_can_emu.messages.frame import EXTENDED, FRAME, SENT
-from hev_can_emu.runtime.emulator import Emulator
+from hev_can_emu.runtime.emulator import Emulator, Event
 from hev_can_emu.runtime.tick import ORIGIN_PLAYED, ORIGIN_UNIT
 from hev_can_emu.runtime.wire_faults import WireFaults
 
@@ -86,6 +86,10 @@ class VirtualWire:
         self._carried: list[bytes] = []
         self._port: Port = self.medium.join("car", self._take)
         self._port.play(self._car.senders)
+        self.medium.listeners.append(self._note_state)
+
+    def _note_state(self, event: WireEvent) -> None:
+        self._emulator.note(Event(event.t_ns, "bus", event.describe(), 0, 0.0))
 
     def _take(self, record: bytes, t_ns: int) -> None:
         self._carried.append(record)

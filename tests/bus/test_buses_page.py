@@ -8,8 +8,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 import yaml
 from bus_peers import free_port
+
+from hev_can_emu.ecu.faults import BUS_FAULTS, CATALOGUE, COMMON, tag
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "buses.md").read_text()
@@ -78,3 +81,20 @@ def test_the_recipe_for_vcan_installs_what_its_runner_needs() -> None:
     for package in ("can-utils", "iproute2", "kmod", "user-mode-linux"):
         assert package in packages.split()
         assert package in lines.split()
+
+
+def test_the_example_with_bit_times_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    (code,) = re.findall(r"```python\n(from hev_can_emu\.bus\.wire_parts.*?)```", PAGE, re.DOTALL)
+    exec(compile(code, "docs/buses.md", "exec"), {})
+    printed = capsys.readouterr().out
+    states = re.findall(r"MCU2 is (\w+ \w+)", printed)
+    assert states == ["error passive", "bus off", "error active"]
+    assert "32 error frames" in printed.splitlines()[-1]
+
+
+def test_the_faults_of_the_bus_are_all_there() -> None:
+    rows = re.findall(r"\| `(bus_\w+)` \| .*? \| (.*) \|", PAGE)
+    assert [name for name, _ in rows] == [tag(kind.__name__) for kind in BUS_FAULTS]
+    for name, parameters in rows:
+        told = set(re.findall(r"`(\w+)`", parameters))
+        assert told == {p.name for p in CATALOGUE[name].parameters} - set(COMMON)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from bus_peers import batch, receive, seen, until
 
-from hev_can_emu.bus.bits import count_bits
+from hev_can_emu.bus.bits import bits_of
 from hev_can_emu.bus.disturbance import Disturbance
 from hev_can_emu.bus.loopback import LoopbackHub
 from hev_can_emu.bus.open import open_bus
@@ -30,7 +30,7 @@ def run(test: Coroutine[Any, Any, None]) -> None:
 
 def bit_ns(one: tuple[int, int, bytes]) -> int:
     can_id, flags, data = one
-    return int(count_bits(frame(can_id, data, flags=flags), 0)[0]) * 1_000_000_000 // BITRATE
+    return int(bits_of(frame(can_id, data, flags=flags))[0, 0]) * 1_000_000_000 // BITRATE
 
 
 def test_frames_are_carried_by_priority_and_stamped_as_carried() -> None:

@@ -143,6 +143,31 @@ def test_what_cannot_be_injected_is_one_line() -> None:
         drive.car.clear("x")
 
 
+def test_a_scenario_breaks_the_bus(tmp_path: Path) -> None:
+    path = tmp_path / "flood.yaml"
+    path.write_text(
+        """
+version: 1
+name: the bus is flooded
+duration: 1 s
+steps:
+- {name: flood, at: 300 ms, inject: [{fault: bus_flood, duration: 200 ms}]}
+- {name: off, after: 400 ms, inject: [{fault: bus_off, node: MCU2, name: off}]}
+expectations:
+- {name: lost, becomes: RequestsFailed > 0, from: step flood, within: 600 ms}
+"""
+    )
+    document = config.read(path)
+    scenario = document.convert(Scenario)
+    car = Emulator(Setup(model="4dof", nodes=dict.fromkeys(scenario.plays, "emulated")))
+    playing = Playing(car, document, scenario)
+    _, medium = play_on_wire(playing, [], Timing())
+    assert [fault.hits > 500 for fault in car.faults] == [True, False]
+    assert playing.player.outcome.name == "PASS"
+    assert any("MCU2 is bus off" in event.text for event in playing.take_events())
+    assert medium.wire.statistics.peak > 0.5
+
+
 def test_a_scenario_plays_on_a_bus_with_bit_times_to_the_byte(repository: Path) -> None:
     def play(bitrate: int) -> tuple[str, list[str]]:
         document = config.read(repository / "scenarios" / "series_parallel.yaml")

@@ -7,15 +7,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from wire_reference import LENGTHS, crc, written_out
 
-from hev_can_emu.bus.bits import INTERMISSION, count_bits, priority
+from hev_can_emu.bus.bits import INTERMISSION, bits_of, priority
 from hev_can_emu.messages.frame import BRS, EXTENDED, FD, REMOTE, frame
 
 pytestmark = pytest.mark.kernels
 
 
 def bits(can_id: int, data: bytes, flags: int = 0) -> tuple[int, int]:
-    nominal, fast = count_bits(frame(can_id, data, flags=flags), 0)
-    return int(nominal), int(fast)
+    ((nominal, fast),) = bits_of(frame(can_id, data, flags=flags)).tolist()
+    return nominal, fast
 
 
 def test_the_references_crcs_are_the_catalogues() -> None:
