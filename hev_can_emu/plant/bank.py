@@ -42,16 +42,20 @@ class Bank(NamedTuple):
     Attributes:
         period: the base step, s.
         levels: number of halvings; the ladder's unit is ``period / 2**levels``.
-        flow: shape (r, levels+1, nx+nu, nx) or, with travel, (..., nx+p+m): transposed propagators,
-            level 0 the unit; the travel is the integral of every port's and lock's speed over the step.
+        flow: shape (r, levels+1, nx+nu, nx), each of the last two filled up to a multiple of four:
+            transposed propagators, level 0 the unit.  With travel, p+m values follow the states: the
+            integral of every port's and lock's speed over the step; with dampers, then every
+            branch's rate half way through the step.
         held_torque: shape (r, m, nx+nu), rows giving each held lock's friction torque.
         body_rate: shape (r, nx+nu), row giving the body's angular acceleration.
         project: shape (r, n, n), speeds onto the configuration, momentum kept.
         remap: shape (6, 6, q, q), twists when the driving configuration changes.
         stiffness: shape (6, q, q), elastic energy is ``q' K q / 2``.
         inertia: shape (n,).
-        speed_at, speed_by: shape (p+m, k): places and factors that give the speed at each port and the
-            slip at each lock from the speeds (padded with zero factors).
+        speeds: shape (n, p+m), both filled up to multiples of four: the transposed rows that give the speed
+            at each port and the slip at each lock from the speeds, for all of them at once.
+        speed_at, speed_by: the same for one at a time: shape (p+m, k), places and
+            factors of what is not zero (padded with zero factors).
     """
 
     period: float
@@ -63,6 +67,7 @@ class Bank(NamedTuple):
     remap: Array
     stiffness: Array
     inertia: Array
+    speeds: Array
     speed_at: Integers
     speed_by: Array
 
@@ -80,6 +85,7 @@ def borrow_bank(bank: Bank) -> Bank:
         borrowed(bank.remap),
         borrowed(bank.stiffness),
         borrowed(bank.inertia),
+        borrowed(bank.speeds),
         borrowed(bank.speed_at),
         borrowed(bank.speed_by),
     )
@@ -178,6 +184,7 @@ def build_bank(
     period: float = 1e-3,
     levels: int = 10,
     travel: bool = False,
+    dampers: bool = False,
     open_branches: Sequence[int] = (),
 ) -> Bank:
     """Prepare all configurations of ``structure``.
@@ -187,6 +194,7 @@ def build_bank(
         period: of one step, s.
         levels: how often it can be halved to locate events.
         travel: also integrate the speeds of ports and locks.
+        dampers: also give every branch's rate half way through each step.
         open_branches: branches whose teeth may part: configuration ``row + base*mask`` is ``row``
             without those whose bit is set in ``mask``, ``base`` being the number without any.
     """
@@ -198,7 +206,8 @@ def build_bank(
         rows[:, :n] = np.vstack([structure.ports, structure.locks])
     base = N_CONFIGURATIONS << (m - len(LOCKS))
     count = base << len(open_branches)
-    flow = np.zeros((count, levels + 1, nx + nu, nx + len(rows)))
+    nb = len(structure.branch_names) if dampers else 0
+    flow = np.zeros((count, levels + 1, _whole(nx + nu), _whole(nx + len(rows) + nb)))
     held_torque = np.zeros((count, m, nx + nu))
     body_rate = np.zeros((count, nx + nu))
     project = np.zeros((count, n, n))
@@ -210,8 +219,13 @@ def build_bank(
             row = index + base * mask
             configuration = configuration_at(index)
             a, b = state_space(variant, configuration)
-            ladder = propagators(a, b, period / 2**levels, levels, rows)
-            flow[row] = np.swapaxes(ladder, 1, 2)
+            # One halving more than there are levels: what is half way through the smallest step.
+            ladder = propagators(a, b, period / 2 ** (levels + 1), levels + 1, rows)
+            flow[row, :, : nx + nu, : nx + len(rows)] = np.swapaxes(ladder[1:], 1, 2)
+            if dampers:
+                rates = structure.incidence @ ladder[:-1, :n]
+                at = nx + len(rows)
+                flow[row, :, : nx + nu, at : at + nb] = np.swapaxes(rates, 1, 2)
             project[row] = held_speeds(variant, configuration) * structure.inertia[None, :]
             body_rate[row] = np.concatenate([a[body], b[body]])
             held = [lock for lock, holds in enumerate(configuration.locks) if holds]
@@ -231,9 +245,22 @@ def build_bank(
         remap=np.ascontiguousarray(structure.twist_remap),
         stiffness=np.ascontiguousarray(basis.T @ structure.stiffness @ basis),
         inertia=structure.inertia.copy(),
+        speeds=columns_of(np.vstack([structure.ports, structure.locks])),
         speed_at=places,
         speed_by=factors,
     )
+
+
+def _whole(count: int) -> int:
+    """Return the next multiple of four."""
+    return -(-count // 4) * 4
+
+
+def columns_of(rows: Array) -> Array:
+    """Return rows stored by columns, both counts filled up to multiples of four."""
+    columns = np.zeros((_whole(rows.shape[1]), _whole(rows.shape[0])))
+    columns[: rows.shape[1], : rows.shape[0]] = rows.T
+    return columns
 
 
 def sparse_rows(rows: Array) -> tuple[Integers, Array]:

@@ -50,8 +50,9 @@ def build_detailed(
         if name not in structure.branch_names:
             raise InputError("effects.mesh_play", "the name of a branch such as kg1", f"'{name}'")
     bank = build_bank(
-        structure, step, LEVELS, travel=True, open_branches=parting(structure, effects.mesh_play)
-    )
+        structure, step, LEVELS, travel=True, dampers=effects.damper_work,
+        open_branches=parting(structure, effects.mesh_play),
+    )  # fmt: skip
     pistons = finer.engine.crank.pack() if effects.pistons else np.zeros(0)
     combustion = finer.engine
     if not effects.ripple:

@@ -41,7 +41,7 @@ from hev_can_emu.plant.holding import (
     slide,
     try_to_hold,
 )
-from hev_can_emu.plant.motion import combine, held_torque, row_speed
+from hev_can_emu.plant.motion import all_rows, combine, held_torque, row_speed
 from hev_can_emu.plant.structure import ENGINE, G1, G2, N_PORTS
 from hev_can_emu.plant.teeth import Extras
 
@@ -55,7 +55,7 @@ Integers = npt.NDArray[np.int64]
 Events = npt.NDArray[np.void]
 
 MAX_EVENTS_PER_STEP = 24
-TRIAL = 128  #: values of scratch that a step needs
+TRIAL = 192  #: values of scratch that a step needs
 
 _STILL = 1e-12  # rad/s: slip that counts as none
 
@@ -90,23 +90,22 @@ def _pistons(
 
 
 @kernel
-def _book(
-    u: Array, nx: int, locks: int, pistons: float, trial: Array, books: Array, travel: Array
-) -> None:
+def _book(u: Array, nx: int, locks: int, pistons: float, after: Array, books: Array) -> None:
     """Enter an accepted step: travel, gaps, crank angle, heat of slides, work of chamfers."""
-    for i in range(N_PORTS + locks):
-        travel[i] += trial[nx + i]
+    for i in range(N_PORTS):
+        books[teeth.TRAVEL + i] += after[nx + i]
     for lock in range(locks):
-        way = trial[nx + N_PORTS + lock]
-        torque = u[N_PORTS + lock]
-        if lock in (G1, G2):
-            work = books[teeth.PAIR + lock - G1] * way
-            books[teeth.PAIR_WORK] += work
-            books[teeth.FRICTION + lock] += work
-            if books[teeth.HALF + lock - G1] > 0.0:
-                books[teeth.GAP + lock - G1] += way
-        books[teeth.FRICTION + lock] -= torque * way
-    turned = trial[nx + ENGINE]
+        way = after[nx + N_PORTS + lock]
+        books[teeth.TRAVEL + N_PORTS + lock] += way
+        books[teeth.FRICTION + lock] -= u[N_PORTS + lock] * way
+    for gear in range(2):
+        way = after[nx + N_PORTS + G1 + gear]
+        work = books[teeth.PAIR + gear] * way
+        books[teeth.PAIR_WORK] += work
+        books[teeth.FRICTION + G1 + gear] += work
+        if books[teeth.HALF + gear] > 0.0:
+            books[teeth.GAP + gear] += way
+    turned = after[nx + ENGINE]
     books[teeth.ANGLE] = wrap(books[teeth.ANGLE] + turned)
     books[teeth.CRANK_WORK] += pistons * turned
 
@@ -148,11 +147,16 @@ def step(
         The number of event records on return.
     """
     flow, held, at, by = bank.flow, bank.held_torque, bank.speed_at, bank.speed_by
-    nx = flow.shape[2] - u.shape[0]
-    m = u.shape[0] - N_PORTS
+    nx, nu = held.shape[2] - u.shape[0], u.shape[0]
+    m = nu - N_PORTS
     levels = bank.levels
     units = 1 << levels
-    after = trial[: flow.shape[3]]
+    nz, count = flow.shape[2], flow.shape[3]
+    z, after = trial[:nz], trial[nz : nz + count]
+    rows = bank.speeds.shape[1]
+    before_speeds = trial[nz + count : nz + count + rows]
+    after_speeds = trial[nz + count + rows : nz + count + 2 * rows]
+    rates = trial[nz + count + 2 * rows :]
     pistons = 0.0
     engine_torque = u[ENGINE]
     toothed = extras is not None
@@ -163,26 +167,31 @@ def step(
             if state[SIDE + gear - G1] != 0 or books[teeth.HALF + gear - G1] > 0.0:
                 let_dogs_in(bank, x, state, extras, books)
     # Frictions of the sliding locks first: what a held one carries depends on them.
+    all_rows(bank.speeds, x, before_speeds)
+    still = False
     for lock in range(m):
         u[N_PORTS + lock] = 0.0
         if state[HELD + lock] == 0:
             if kinetic[lock] > 0.0:
-                speed = row_speed(at, by, x, N_PORTS + lock)
+                speed = before_speeds[N_PORTS + lock]
+                if abs(speed) < _STILL:
+                    still = True
                 if speed > 0.0:
                     state[SIGN + lock] = 1
                 elif speed < 0.0:
                     state[SIGN + lock] = -1
             slide(state, u, kinetic, books, lock, toothed)
-    for lock in range(m):
-        if (
-            state[HELD + lock] == 0
-            and kinetic[lock] > 0.0
-            and abs(row_speed(at, by, x, N_PORTS + lock)) < _STILL
-        ):
-            if try_to_hold(bank, x, state, u, static, lock, books, extras):
-                n_events = record(state, t_ns, LOCKED, lock, 0.0, events, n_events)
-            else:
-                slide(state, u, kinetic, books, lock, toothed)
+    if still:
+        for lock in range(m):
+            if (
+                state[HELD + lock] == 0
+                and kinetic[lock] > 0.0
+                and abs(row_speed(at, by, x, N_PORTS + lock)) < _STILL
+            ):
+                if try_to_hold(bank, x, state, u, static, lock, books, extras):
+                    n_events = record(state, t_ns, LOCKED, lock, 0.0, events, n_events)
+                else:
+                    slide(state, u, kinetic, books, lock, toothed)
     for lock in range(m):
         if state[HELD + lock] == 1 and overloaded(held, x, u, state, static, books, lock, toothed):
             n_events = release(
@@ -196,7 +205,13 @@ def step(
         while (position & ((1 << level) - 1)) != 0 or position + (1 << level) > units:
             level -= 1
         row = state[ROW]
-        combine(flow, row, level, x, u, after)
+        for i in range(nx):
+            z[i] = x[i]
+        for i in range(nu):
+            z[nx + i] = u[i]
+        for i in range(nx + nu, z.shape[0]):
+            z[i] = 0.0
+        combine(flow, row, level, z, after)
         length = 0.0
         if extras is not None:
             length = bank.period * (1 << level) / units
@@ -206,13 +221,13 @@ def step(
                 )
                 u[ENGINE] = engine_torque + pistons
         eventful = False
+        all_rows(bank.speeds, after, after_speeds)
         for lock in range(m):
             if state[HELD + lock] == 1:
                 if overloaded(held, after, u, state, static, books, lock, toothed):
                     eventful = True
             elif (
-                kinetic[lock] > 0.0
-                and row_speed(at, by, after, N_PORTS + lock) * state[SIGN + lock] < -_STILL
+                kinetic[lock] > 0.0 and after_speeds[N_PORTS + lock] * state[SIGN + lock] < -_STILL
             ):
                 eventful = True
         if extras is not None:
@@ -225,13 +240,15 @@ def step(
             u[ENGINE] = engine_torque
             continue
         if extras is not None:
-            _book(u, nx, m, pistons, after, books, books[teeth.TRAVEL :])
-            if extras.middle.shape[0] > 0:
+            _book(u, nx, m, pistons, after, books)
+            if extras.middle > 0:
+                branches = extras.rates.shape[1]
+                first, last = rates[:branches], rates[branches : 2 * branches]
+                all_rows(extras.rates, x, first)
+                all_rows(extras.rates, after, last)
                 teeth.book_dampers(
-                    extras.middle, extras.branch_at, extras.branch_by, extras.damping, row, level,
-                    length, x, u, after, trial[flow.shape[3] : flow.shape[3] + extras.middle.shape[3]],
-                    books,
-                )  # fmt: skip
+                    extras.damping, length, first, after[extras.middle :], last, books
+                )
             u[ENGINE] = engine_torque
         for i in range(nx):
             x[i] = after[i]

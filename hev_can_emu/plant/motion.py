@@ -1,4 +1,4 @@
-"""Linear motion between events: propagation, slips, and the torque that a held lock carries.
+"""Linear motion between events: propagation, speeds and slips, and the torque that a held lock carries.
 
 On the hot path.  These kernels take arrays, not the bank: handing a tuple of arrays on costs more
 than the sums.
@@ -52,31 +52,32 @@ def held_torque(rows: Array, x: Array, u: Array, row: int, lock: int) -> float:
 
 
 @kernel
-def combine(columns: Array, row: int, level: int, x: Array, u: Array, out: Array) -> None:
-    """``out = M [x; u]`` with M stored by columns in ``columns[row, level]``.
+def combine(columns: Array, row: int, level: int, z: Array, out: Array) -> None:
+    """``out = M z`` with M stored by columns in ``columns[row, level]``.
 
-    ``out`` has as many values as a column; of ``x`` as many are read as belong to it.
+    The number of columns is a multiple of four; ``out`` has as many values as a column.
     """
     count = columns.shape[3]
-    nx = columns.shape[2] - u.shape[0]
     for i in range(count):
         out[i] = 0.0
     # Four columns at a time: the sums are loaded and stored a quarter as often.
-    j = 0
-    while j + 3 < nx:
+    for j in range(0, columns.shape[2], 4):
+        z0, z1, z2, z3 = z[j], z[j + 1], z[j + 2], z[j + 3]
+        for i in range(count):
+            out[i] += (columns[row, level, j, i] * z0 + columns[row, level, j + 1, i] * z1) + (
+                columns[row, level, j + 2, i] * z2 + columns[row, level, j + 3, i] * z3
+            )
+
+
+@kernel
+def all_rows(columns: Array, x: Array, out: Array) -> None:
+    """``out = M x`` with the small M stored by columns, shape (nz, count); nz a multiple of four."""
+    count = columns.shape[1]
+    for i in range(count):
+        out[i] = 0.0
+    for j in range(0, columns.shape[0], 4):
         x0, x1, x2, x3 = x[j], x[j + 1], x[j + 2], x[j + 3]
         for i in range(count):
-            out[i] += (columns[row, level, j, i] * x0 + columns[row, level, j + 1, i] * x1) + (
-                columns[row, level, j + 2, i] * x2 + columns[row, level, j + 3, i] * x3
+            out[i] += (columns[j, i] * x0 + columns[j + 1, i] * x1) + (
+                columns[j + 2, i] * x2 + columns[j + 3, i] * x3
             )
-        j += 4
-    while j < nx:
-        factor = x[j]
-        for i in range(count):
-            out[i] += columns[row, level, j, i] * factor
-        j += 1
-    for k in range(u.shape[0]):
-        factor = u[k]
-        if factor != 0.0:
-            for i in range(count):
-                out[i] += columns[row, level, nx + k, i] * factor

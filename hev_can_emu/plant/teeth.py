@@ -19,16 +19,12 @@ import numpy as np
 import numpy.typing as npt
 
 from hev_can_emu.jit import borrowed, kernel
-from hev_can_emu.plant.bank import Bank, propagators, sparse_rows, without_branches
-from hev_can_emu.plant.linear import state_space
-from hev_can_emu.plant.motion import combine, row_speed
+from hev_can_emu.plant.bank import Bank, columns_of, sparse_rows
+from hev_can_emu.plant.motion import row_speed
 from hev_can_emu.plant.structure import (
     ALL_LOCKS,
-    LOCKS,
-    N_CONFIGURATIONS,
     N_PORTS,
     Structure,
-    configuration_at,
 )
 
 Array = npt.NDArray[np.float64]
@@ -62,11 +58,13 @@ class Extras(NamedTuple):
         mesh: shape (k,), index of each mesh's twist.
         mesh_half: shape (k,), half its play, m.
         mesh_stiffness, mesh_damping: shape (k,), N/m and N s/m.
-        branch_at, branch_by: shape (nb, k): places and factors that give each branch's rate of
-            deflection from the speeds.
+        rates: shape (n, nb), both filled up to multiples of four: the transposed rows that give every
+            branch's rate of deflection from the speeds.
+        branch_at, branch_by: the same for one branch at a time: shape (nb, k), places
+            and factors of what is not zero.
         damping: shape (nb,).
-        middle: shape (r, levels+1, nx+nu, nb): every branch's rate half way through a step, or empty:
-            then dampers are not booked.
+        middle: place of the branches' rates half way through a step behind the states in the bank's
+            flow, or 0: then dampers are not booked.
         first_twist: place of the first twist among the states; twist i is branch i's.
         base: number of configurations that the meshes do not tell apart.
     """
@@ -76,10 +74,11 @@ class Extras(NamedTuple):
     mesh_half: Array
     mesh_stiffness: Array
     mesh_damping: Array
+    rates: Array
     branch_at: Integers
     branch_by: Array
     damping: Array
-    middle: Array
+    middle: int
     first_twist: int
     base: int
 
@@ -93,7 +92,8 @@ def build_extras(
 ) -> Extras:
     """Prepare the constants; ``clearance`` gives the whole play of branches by name, m.
 
-    The bank must have been built with travel and with these branches' :func:`parting` indices.
+    The bank must have been built with travel, with these branches' :func:`parting` indices and, where
+    their work is wanted, with dampers.
     """
     mesh = parting(structure, clearance or {})
     half = [0.5 * (clearance or {})[structure.branch_names[branch]] for branch in mesh]
@@ -104,10 +104,11 @@ def build_extras(
         mesh_half=np.array(half, dtype=np.float64),
         mesh_stiffness=np.array([structure.stiffness[0, b, b] for b in mesh], dtype=np.float64),
         mesh_damping=np.array([structure.damping[0, b, b] for b in mesh], dtype=np.float64),
+        rates=columns_of(structure.incidence),
         branch_at=places,
         branch_by=factors,
         damping=np.diagonal(structure.damping[0]).copy(),
-        middle=_middle_rows(structure, bank, mesh) if damper_work else np.zeros((0, 0, 0, 0)),
+        middle=structure.n + structure.nq + N_PORTS + len(structure.locks) if damper_work else 0,
         first_twist=structure.n,
         base=len(bank.flow) >> len(mesh),
     )
@@ -119,25 +120,6 @@ def parting(structure: Structure, clearance: Mapping[str, float]) -> list[int]:
     return sorted(place[name] for name, play in clearance.items() if play > 0.0)
 
 
-def _middle_rows(structure: Structure, bank: Bank, mesh: list[int]) -> Array:
-    """Rates of deflection half way through every step of the ladder, as rows over [x; u]."""
-    nu, nb = bank.flow.shape[2] - structure.n - structure.nq, len(structure.branch_names)
-    base = N_CONFIGURATIONS << (len(structure.locks) - len(LOCKS))
-    out = np.zeros((*bank.flow.shape[:2], structure.n + structure.nq + nu, nb))
-    half = bank.period / 2 ** (bank.levels + 1)
-    for mask in range(1 << len(mesh)):
-        parted = [branch for bit, branch in enumerate(mesh) if mask >> bit & 1]
-        variant = without_branches(structure, parted) if parted else structure
-        for index in range(base):
-            row = index + base * mask
-            # Half of a step is the step below; only the smallest has none in the bank.
-            a, b = state_space(variant, configuration_at(index))
-            smallest = propagators(a, b, half, 0)[0, : structure.n]
-            out[row, 0] = (structure.incidence @ smallest).T
-            out[row, 1:] = bank.flow[row, :-1, :, : structure.n] @ structure.incidence.T
-    return out
-
-
 @kernel
 def borrow_extras(extras: Extras) -> Extras:
     """Return ``extras`` with its arrays borrowed (:func:`hev_can_emu.jit.borrowed`)."""
@@ -147,10 +129,11 @@ def borrow_extras(extras: Extras) -> Extras:
         borrowed(extras.mesh_half),
         borrowed(extras.mesh_stiffness),
         borrowed(extras.mesh_damping),
+        borrowed(extras.rates),
         borrowed(extras.branch_at),
         borrowed(extras.branch_by),
         borrowed(extras.damping),
-        borrowed(extras.middle),
+        extras.middle,
         extras.first_twist,
         extras.base,
     )
@@ -194,36 +177,19 @@ def mesh_changes(extras: Extras, x: Array, contact: int, i: int) -> int:
 
 @kernel
 def book_dampers(
-    middle: Array,
-    at: Integers,
-    by: Array,
-    damping: Array,
-    row: int,
-    level: int,
-    length: float,
-    x: Array,
-    u: Array,
-    after: Array,
-    rates: Array,
-    books: Array,
+    damping: Array, length: float, first: Array, middle: Array, last: Array, books: Array
 ) -> None:
     """Add each damper's heat over an accepted step: Simpson's rule over exact rates.
 
     Args:
-        middle, damping: of :class:`Extras`.
-        at, by: its ``branch_at`` and ``branch_by``.
-        row, level: configuration and step of the ladder.
-        length: of that step, s.
-        x, u: state at its beginning and inputs.
-        after: state at its end.
-        rates: scratch, shape (nb,).
+        damping: of :class:`Extras`.
+        length: of the step, s.
+        first, middle, last: every branch's rate at its beginning, half way, and at its end.
         books: changed in place.
     """
-    combine(middle, row, level, x, u, rates)
     for branch in range(damping.shape[0]):
-        first, last = row_speed(at, by, x, branch), row_speed(at, by, after, branch)
-        total = _END_WEIGHT * (first * first + last * last)
-        total += _MIDDLE_WEIGHT * rates[branch] * rates[branch]
+        a, b, c = first[branch], middle[branch], last[branch]
+        total = _END_WEIGHT * (a * a + c * c) + _MIDDLE_WEIGHT * b * b
         books[DAMPERS + branch] += damping[branch] * total * length
 
 
