@@ -142,39 +142,20 @@ def counting_kernel(function: F) -> F:
     return _compile(function, **dict.fromkeys(_UNCOUNTED, True))
 
 
+def inlined_kernel(function: F) -> F:
+    """Compile as :func:`kernel` does, and put the code where kernels call it.
+
+    For a large kernel with many arrays and one caller on the hot path: handing those over costs.
+    """
+    return _compile(function, inline="always")
+
+
 def inner_kernel(function: F) -> F:
     """Compile as :func:`kernel` does, for a kernel that only kernels call.
 
     It has no entry from Python, which saves seconds of compilation where arguments are large tuples.
     """
     return _compile(function, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-
-
-if JIT_DISABLED:
-
-    def borrowed(array: Any) -> Any:
-        """Return ``array`` as one that its user does not own."""
-        return array
-
-else:
-
-    @numba.extending.intrinsic
-    def borrowed(typing_context: Any, array: Any) -> Any:
-        """Return ``array`` as one that its user does not own, so that handing it on counts nothing.
-
-        Counting references costs an atomic addition each time that an array is handed to a kernel.
-        Whoever borrows must not outlive the owner.
-        """
-
-        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            tools: Any = numba.core.cgutils
-            arrays: Any = numba.np.arrayobj
-            view = arrays.make_array(signature.args[0])(context, builder, arguments[0])
-            view.meminfo = tools.get_null_value(view.meminfo.type)
-            view.parent = tools.get_null_value(view.parent.type)
-            return view._getvalue()
-
-        return array(array), generate
 
 
 def _compile(function: F, **options: Any) -> F:

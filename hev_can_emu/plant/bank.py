@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from hev_can_emu.jit import borrowed, counting_kernel, kernel
+from hev_can_emu.jit import counting_kernel, kernel
 from hev_can_emu.plant.linear import held_speeds, state_space
 from hev_can_emu.plant.structure import (
     LOCKS,
@@ -52,8 +52,8 @@ class Bank(NamedTuple):
         remap: shape (6, 6, q, q), twists when the driving configuration changes.
         stiffness: shape (6, q, q), elastic energy is ``q' K q / 2``.
         inertia: shape (n,).
-        speeds: shape (n, p+m), both filled up to multiples of four: the transposed rows that give the speed
-            at each port and the slip at each lock from the speeds, for all of them at once.
+        speeds: shape (n, p+m), the last filled up to a multiple of four: the transposed rows that give the
+            speed at each port and the slip at each lock from the speeds, for all of them at once.
         speed_at, speed_by: the same for one at a time: shape (p+m, k), places and
             factors of what is not zero (padded with zero factors).
     """
@@ -70,25 +70,6 @@ class Bank(NamedTuple):
     speeds: Array
     speed_at: Integers
     speed_by: Array
-
-
-@kernel
-def borrow_bank(bank: Bank) -> Bank:
-    """Return ``bank`` with its arrays borrowed (:func:`hev_can_emu.jit.borrowed`)."""
-    return Bank(
-        bank.period,
-        bank.levels,
-        borrowed(bank.flow),
-        borrowed(bank.held_torque),
-        borrowed(bank.body_rate),
-        borrowed(bank.project),
-        borrowed(bank.remap),
-        borrowed(bank.stiffness),
-        borrowed(bank.inertia),
-        borrowed(bank.speeds),
-        borrowed(bank.speed_at),
-        borrowed(bank.speed_by),
-    )
 
 
 @kernel
@@ -257,9 +238,9 @@ def _whole(count: int) -> int:
 
 
 def columns_of(rows: Array) -> Array:
-    """Return rows stored by columns, both counts filled up to multiples of four."""
-    columns = np.zeros((_whole(rows.shape[1]), _whole(rows.shape[0])))
-    columns[: rows.shape[1], : rows.shape[0]] = rows.T
+    """Return rows stored by columns, their number filled up to a multiple of four."""
+    columns = np.zeros((rows.shape[1], _whole(rows.shape[0])))
+    columns[:, : rows.shape[0]] = rows.T
     return columns
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from hev_can_emu.jit import borrowed, kernel
+from hev_can_emu.jit import kernel
 from hev_can_emu.plant import (
     battery,
     brakes,
@@ -28,8 +28,8 @@ from hev_can_emu.plant import (
     thermal,
     wet_clutch,
 )
-from hev_can_emu.plant.bank import Bank, borrow_bank
-from hev_can_emu.plant.teeth import Extras, borrow_extras
+from hev_can_emu.plant.bank import Bank
+from hev_can_emu.plant.teeth import Extras
 
 Array = npt.NDArray[np.float64]
 
@@ -123,34 +123,6 @@ class DetailedPlant(NamedTuple):
     car: Array
     steps: int
     step_ns: int
-
-
-@kernel
-def borrow_detailed(plant: DetailedPlant) -> DetailedPlant:
-    """Return the constants with their arrays borrowed (:func:`hev_can_emu.jit.borrowed`)."""
-    return DetailedPlant(
-        borrow_bank(plant.bank),
-        borrow_extras(plant.extras),
-        borrowed(plant.engine),
-        borrowed(plant.em1),
-        borrowed(plant.em2),
-        borrowed(plant.control1),
-        borrowed(plant.control2),
-        borrowed(plant.battery),
-        borrowed(plant.contactors),
-        borrowed(plant.link),
-        borrowed(plant.thermal1),
-        borrowed(plant.thermal2),
-        borrowed(plant.brakes),
-        borrowed(plant.road),
-        borrowed(plant.hydraulics),
-        borrowed(plant.clutch),
-        borrowed(plant.sleeve),
-        borrowed(plant.coolant),
-        borrowed(plant.car),
-        plant.steps,
-        plant.step_ns,
-    )
 
 
 @kernel

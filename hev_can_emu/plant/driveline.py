@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from hev_can_emu.jit import kernel
+from hev_can_emu.jit import inlined_kernel, kernel
 from hev_can_emu.plant import teeth
 from hev_can_emu.plant.bank import Bank
 from hev_can_emu.plant.contact import any_dogs_meet, any_mesh_changes, let_dogs_in, settle_teeth
@@ -110,7 +110,7 @@ def _book(u: Array, nx: int, locks: int, pistons: float, after: Array, books: Ar
     books[teeth.CRANK_WORK] += pistons * turned
 
 
-@kernel
+@inlined_kernel
 def step(
     bank: Bank,
     x: Array,

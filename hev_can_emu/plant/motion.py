@@ -71,13 +71,19 @@ def combine(columns: Array, row: int, level: int, z: Array, out: Array) -> None:
 
 @kernel
 def all_rows(columns: Array, x: Array, out: Array) -> None:
-    """``out = M x`` with the small M stored by columns, shape (nz, count); nz a multiple of four."""
-    count = columns.shape[1]
+    """``out = M x`` with the small M stored by columns, shape (nz, count)."""
+    nz, count = columns.shape
     for i in range(count):
         out[i] = 0.0
-    for j in range(0, columns.shape[0], 4):
+    j = 0
+    while j + 3 < nz:
         x0, x1, x2, x3 = x[j], x[j + 1], x[j + 2], x[j + 3]
         for i in range(count):
             out[i] += (columns[j, i] * x0 + columns[j + 1, i] * x1) + (
                 columns[j + 2, i] * x2 + columns[j + 3, i] * x3
             )
+        j += 4
+    while j < nz:
+        for i in range(count):
+            out[i] += columns[j, i] * x[j]
+        j += 1

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from hev_can_emu.jit import borrowed, kernel
+from hev_can_emu.jit import kernel
 from hev_can_emu.plant import (
     battery,
     brakes,
@@ -28,7 +28,7 @@ from hev_can_emu.plant import (
     thermal,
     torque_source,
 )
-from hev_can_emu.plant.bank import Bank, borrow_bank
+from hev_can_emu.plant.bank import Bank
 from hev_can_emu.plant.motion import row_speed
 from hev_can_emu.plant.structure import (
     BODY,
@@ -158,29 +158,6 @@ class Plant(NamedTuple):
     clutch: Array
     coolant: Array
     car: Array
-
-
-@kernel
-def borrow_plant(plant: Plant) -> Plant:
-    """Return the constants with their arrays borrowed (:func:`hev_can_emu.jit.borrowed`)."""
-    return Plant(
-        borrow_bank(plant.bank),
-        borrowed(plant.engine),
-        borrowed(plant.em1),
-        borrowed(plant.em2),
-        borrowed(plant.control1),
-        borrowed(plant.control2),
-        borrowed(plant.battery),
-        borrowed(plant.contactors),
-        borrowed(plant.thermal1),
-        borrowed(plant.thermal2),
-        borrowed(plant.brakes),
-        borrowed(plant.road),
-        borrowed(plant.synchronizer),
-        borrowed(plant.clutch),
-        borrowed(plant.coolant),
-        borrowed(plant.car),
-    )
 
 
 @kernel

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from hev_can_emu.jit import borrowed, kernel
+from hev_can_emu.jit import kernel
 from hev_can_emu.plant.bank import Bank, columns_of, sparse_rows
 from hev_can_emu.plant.motion import row_speed
 from hev_can_emu.plant.structure import (
@@ -58,7 +58,7 @@ class Extras(NamedTuple):
         mesh: shape (k,), index of each mesh's twist.
         mesh_half: shape (k,), half its play, m.
         mesh_stiffness, mesh_damping: shape (k,), N/m and N s/m.
-        rates: shape (n, nb), both filled up to multiples of four: the transposed rows that give every
+        rates: shape (n, nb), the last filled up to a multiple of four: the transposed rows that give every
             branch's rate of deflection from the speeds.
         branch_at, branch_by: the same for one branch at a time: shape (nb, k), places
             and factors of what is not zero.
@@ -118,25 +118,6 @@ def parting(structure: Structure, clearance: Mapping[str, float]) -> list[int]:
     """Return the indices of the branches whose teeth may part; KeyError for a name that is none."""
     place = {name: index for index, name in enumerate(structure.branch_names)}
     return sorted(place[name] for name, play in clearance.items() if play > 0.0)
-
-
-@kernel
-def borrow_extras(extras: Extras) -> Extras:
-    """Return ``extras`` with its arrays borrowed (:func:`hev_can_emu.jit.borrowed`)."""
-    return Extras(
-        borrowed(extras.crank),
-        borrowed(extras.mesh),
-        borrowed(extras.mesh_half),
-        borrowed(extras.mesh_stiffness),
-        borrowed(extras.mesh_damping),
-        borrowed(extras.rates),
-        borrowed(extras.branch_at),
-        borrowed(extras.branch_by),
-        borrowed(extras.damping),
-        extras.middle,
-        extras.first_twist,
-        extras.base,
-    )
 
 
 @kernel

@@ -12,9 +12,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from numba.core import types
+from numba.experimental import structref
 
 from hev_can_emu.ecu import transmission_unit
-from hev_can_emu.jit import borrowed, kernel
+from hev_can_emu.jit import JIT_DISABLED, counting_kernel, kernel
 from hev_can_emu.plant import detailed_layout as lay
 from hev_can_emu.plant import powertrain as port
 from hev_can_emu.plant.detailed_parameters import Effects
@@ -22,10 +24,12 @@ from hev_can_emu.plant.events import EVENT
 from hev_can_emu.plant.ledger import Ledger
 from hev_can_emu.plant.start import Start
 from hev_can_emu.runtime.car import Car
-from hev_can_emu.runtime.fidelity import advance_plant, borrowed_plant
+from hev_can_emu.runtime.fidelity import advance_plant
 from hev_can_emu.runtime.setup import Setup
 
 Array = npt.NDArray[np.float64]
+
+EVENTS = 65536  #: records of one call; more are dropped
 
 
 class BenchEvent(NamedTuple):
@@ -37,36 +41,78 @@ class BenchEvent(NamedTuple):
     value: float
 
 
+class Parts(NamedTuple):
+    """What a bench hands to its kernel; all arrays but the constants' change."""
+
+    plant: Any
+    unit: Any
+    transmission: Array
+    x: Array
+    n: npt.NDArray[np.int64]
+    command: Array
+    truth: Array
+    work: Array
+    events: npt.NDArray[np.void]
+
+
+if JIT_DISABLED:
+
+    class Held:
+        """The parts as one argument."""
+
+        def __init__(self, parts: Parts) -> None:
+            self.parts = parts
+
+    def hold(parts: Parts) -> Any:
+        """Return the parts as one argument for :func:`run_bench`."""
+        return Held(parts)
+
+else:
+    # As the tick's world: a reference to one structure costs next to nothing.
+    @structref.register
+    class _HeldType(types.StructRef):
+        """Numba's type of what is held."""
+
+    class Held(structref.StructRefProxy):  # type: ignore[no-redef]
+        """The parts as one argument."""
+
+        def __new__(cls, parts: Parts) -> Any:
+            """Return the parts as one argument; called from kernels only."""
+            make: Any = structref.StructRefProxy.__new__
+            return make(cls, parts)
+
+    define_proxy: Any = structref.define_proxy
+    define_proxy(Held, _HeldType, ["parts"])
+
+    @counting_kernel
+    def hold(parts: Parts) -> Any:
+        """Return the parts as one argument for :func:`run_bench`."""
+        return Held(parts)
+
+
 @kernel
-def run_bench(
-    plant: Any,
-    unit: Any,
-    transmission: Array,
-    x: Array,
-    n: npt.NDArray[np.int64],
-    command: Array,
-    truth: Array,
-    work: Array,
-    t_ns: int,
-    ticks: int,
-    watched: npt.NDArray[np.int64],
-    trace: Array,
-    events: npt.NDArray[np.void],
-) -> Any:
-    """Advance ``ticks`` ticks; ``trace[k]`` gets the watched truths after tick k."""
-    own = borrowed_plant(plant)
-    x, n, command, truth, work = (
-        borrowed(x), borrowed(n), borrowed(command), borrowed(truth), borrowed(work),
-    )  # fmt: skip
+def _run(parts: Parts, t_ns: int, ticks: int, watched: npt.NDArray[np.int64], trace: Array) -> Any:
     n_events: Any = np.int64(0)
     for k in range(ticks):
         n_events = advance_plant(
-            own, unit, transmission, x, n, command, truth, work, t_ns + k * port.PERIOD_NS,
-            events, n_events,
+            parts.plant, parts.unit, parts.transmission, parts.x, parts.n, parts.command,
+            parts.truth, parts.work, t_ns + k * port.PERIOD_NS, parts.events, n_events,
         )  # fmt: skip
         for i in range(watched.shape[0]):
-            trace[k, i] = truth[watched[i]]
+            trace[k, i] = parts.truth[watched[i]]
     return n_events
+
+
+@counting_kernel
+def run_bench(
+    held: Any, t_ns: int, ticks: int, watched: npt.NDArray[np.int64], trace: Array
+) -> Any:
+    """Advance ``ticks`` ticks; ``trace[k]`` gets the watched truths after tick k.
+
+    Returns:
+        The number of event records taken.
+    """
+    return _run(held.parts, t_ns, ticks, watched, trace)
 
 
 class Bench:
@@ -95,15 +141,20 @@ class Bench:
     ) -> None:
         self._car = Car(setup or Setup(model="detailed"), effects)
         self.plant = self._car.plant
-        self._unit = self._car.unit
         self.x, self.n, self._truth = self._car.start(start or Start())
         self._command = np.full(len(port.COMMANDS), np.nan)
         self._command[: port.U_GRADE] = 0.0
         self._command[port.U_CONTACTOR] = 1.0 if (start or Start()).closed else 0.0
-        self._transmission = np.zeros(transmission_unit.N_STATE)
-        transmission_unit.start_unit(self._transmission)
-        self._work = np.zeros(self._car.work)
-        self._events = np.zeros(65536, dtype=EVENT)
+        transmission = np.zeros(transmission_unit.N_STATE)
+        transmission_unit.start_unit(transmission)
+        self._events = np.zeros(EVENTS, dtype=EVENT)
+        self._held = hold(
+            Parts(
+                self.plant, self._car.unit, transmission, self.x, self.n, self._command,
+                self._truth, np.zeros(self._car.work), self._events,
+            )
+        )  # fmt: skip
+        self._nothing = np.zeros(0, dtype=np.int64), np.zeros((0, 0))
         self.t_ns = 0
         self.events: list[BenchEvent] = []
 
@@ -116,17 +167,21 @@ class Bench:
         """Return a quantity (``powertrain.TRUTH``) at the present time."""
         return float(self._truth[port.TRUTH.index(name)])
 
+    def run(self, ticks: int) -> None:
+        """Advance by milliseconds."""
+        self._take(run_bench(self._held, self.t_ns, ticks, *self._nothing), ticks)
+
     def advance(self, ticks: int, watch: tuple[str, ...] = ()) -> Array:
-        """Advance by milliseconds; return the watched truths after each, shape (ticks, watched)."""
+        """As :meth:`run`; return the watched truths after each millisecond, shape (ticks, watched)."""
         watched = np.array([port.TRUTH.index(name) for name in watch], dtype=np.int64)
         trace = np.zeros((ticks, len(watch)))
-        count = run_bench(
-            self.plant, self._unit, self._transmission, self.x, self.n, self._command,
-            self._truth, self._work, self.t_ns, ticks, watched, trace, self._events,
-        )  # fmt: skip
-        self.events.extend(BenchEvent(*record.tolist()) for record in self._events[:count])
-        self.t_ns += ticks * port.PERIOD_NS
+        self._take(run_bench(self._held, self.t_ns, ticks, watched, trace), ticks)
         return trace
+
+    def _take(self, count: int, ticks: int) -> None:
+        if count:
+            self.events.extend(BenchEvent(*record.tolist()) for record in self._events[:count])
+        self.t_ns += ticks * port.PERIOD_NS
 
     @property
     def driveline(self) -> Array:

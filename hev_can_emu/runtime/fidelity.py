@@ -14,8 +14,8 @@ from numba.extending import overload
 from hev_can_emu.ecu.transmission_unit import TransmissionUnit, tell_shift, transmission_step
 from hev_can_emu.jit import kernel
 from hev_can_emu.plant.detailed import detailed_step
-from hev_can_emu.plant.detailed_layout import DetailedPlant, borrow_detailed
-from hev_can_emu.plant.powertrain import Plant, borrow_plant, plant_step
+from hev_can_emu.plant.detailed_layout import DetailedPlant
+from hev_can_emu.plant.powertrain import Plant, plant_step
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -43,11 +43,6 @@ def advance_detailed(
     return n_events
 
 
-def borrowed_plant(plant: Any) -> Any:
-    """Return the plant's constants with their arrays borrowed (:func:`hev_can_emu.jit.borrowed`)."""
-    return plant
-
-
 def advance_plant(
     plant: Any, unit: Any, transmission: Array, x: Array, n: Integers, command: Array,
     truth: Array, work: Array, t_ns: int, events: Events, n_events: int,
@@ -64,16 +59,6 @@ def advance_plant(
         plant, unit, transmission, x, n, command, truth, work, t_ns, events, n_events
     )
     return advanced
-
-
-@overload(borrowed_plant)
-def _borrow_compiled(plant: Any) -> Any:
-    kernel_of: Any = borrow_detailed if plant.instance_class is DetailedPlant else borrow_plant
-
-    def borrow(plant: Any) -> Any:
-        return kernel_of(plant)
-
-    return borrow
 
 
 @overload(advance_plant)

@@ -35,7 +35,7 @@ from hev_can_emu.ecu.supervision import REFUSED as SUP_REFUSED
 from hev_can_emu.ecu.supervision import take_message, watch
 from hev_can_emu.ecu.ties import ResolvedBindings, message_from_statuses, sent_value
 from hev_can_emu.ecu.transmission_unit import TransmissionUnit
-from hev_can_emu.jit import JIT_DISABLED, borrowed, counting_kernel, inner_kernel, kernel
+from hev_can_emu.jit import JIT_DISABLED, counting_kernel, inner_kernel, kernel
 from hev_can_emu.messages.codec import Codec, decode, find_message
 from hev_can_emu.messages.columns import M_COUNT, M_FIRST, M_WIRE_LENGTH
 from hev_can_emu.messages.frame import ERROR, EXTENDED, REMOTE, SENT
@@ -45,7 +45,7 @@ from hev_can_emu.messages.transfer import receive, transmit
 from hev_can_emu.plant.detailed_layout import DetailedPlant
 from hev_can_emu.plant.events import note
 from hev_can_emu.plant.powertrain import Y_SYNC_PHASE, Plant
-from hev_can_emu.runtime.fidelity import advance_plant, borrowed_plant
+from hev_can_emu.runtime.fidelity import advance_plant
 from hev_can_emu.scenario.script import EVENTS as AWAITED_EVENTS
 from hev_can_emu.scenario.script import GO_ON, Script, mark_events, perform
 
@@ -322,9 +322,9 @@ def run_ticks(
     frames_out, events, result = state.frames_out, state.events, state.result
     codec = constants.codec
     messages = state.origin.shape[0]
-    plant = borrowed_plant(constants.plant)
-    plant_x, plant_n, work = borrowed(state.plant_x), borrowed(state.plant_n), borrowed(state.work)
-    command, truth = borrowed(state.command), borrowed(state.truth)
+    plant = constants.plant
+    plant_x, plant_n, work = state.plant_x, state.plant_n, state.work
+    command, truth = state.command, state.truth
     n_out: Any = np.int64(0)
     taken: Any = np.int64(0)
     n_events: Any = np.int64(0)
