@@ -141,6 +141,7 @@ def count_all_bits(
 def bits_of(frames: npt.NDArray[np.void]) -> npt.NDArray[np.int64]:
     """Return nominal and fast bits of each frame, shape (n, 2)."""
     bits = np.empty((len(frames), 2), dtype=np.int64)
+    frames = np.array(frames)  # writable, whatever was given: the kernel is compiled for one kind
     count_all_bits(frames, len(frames), np.empty(SCRATCH_BITS, dtype=np.uint8), bits)
     return bits
 

@@ -29,7 +29,7 @@ from hev_can_emu.bus.wire_parts import (
     WireEvent,
 )
 from hev_can_emu.bus.wire_statistics import WireStatistics
-from hev_can_emu.messages.frame import EXTENDED, FRAME
+from hev_can_emu.messages.frame import EXTENDED, FRAME, make_frames
 
 QUEUE_FRAMES = 1024  #: frames that a node without mailboxes may have pending; more are dropped
 ERROR_FRAME = 12 + 8  #: bits: error flag and its echo, delimiter
@@ -48,6 +48,7 @@ class Wire:
     """
 
     def __init__(self, timing: Timing) -> None:
+        bits_of(make_frames(1))  # compiled now, not when the first frame is due
         self.timing = timing
         self.statistics = WireStatistics()
         self._nodes: list[Node] = []

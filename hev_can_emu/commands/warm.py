@@ -14,6 +14,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(arguments: argparse.Namespace) -> int:
     """Compile; returns the exit code."""
     started_s = time.monotonic()
+    from hev_can_emu.bus.bits import bits_of
     from hev_can_emu.commands._compiling import compiling
     from hev_can_emu.jit import cache_home
     from hev_can_emu.runtime.emulator import Emulator
@@ -29,6 +30,7 @@ def execute(arguments: argparse.Namespace) -> int:
             log.add(frames, len(frames))
             log.series("EM2Speed")
         emulator.ledger()
+        bits_of(frames)
         warm_scenario_kernels()
     if not arguments.quiet:
         taken_s = time.monotonic() - started_s

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import asyncio
 import errno
+import os
 import queue
+import socket
 import threading
 import time
 from typing import Any
 
 import can
 import pytest
-from bus_peers import batch, receive, seen, until
+from bus_peers import batch, free_port, receive, seen, until
 
 from hev_can_emu.bus.echo import EXPECTED_WITHIN_NS, EchoFilter
+from hev_can_emu.bus.open import open_bus
 from hev_can_emu.bus.pythoncan import FAILURES_MEAN_LOST, PythonCanBus
 from hev_can_emu.errors import BusError
 from hev_can_emu.messages.frame import make_frames
@@ -194,6 +197,19 @@ def test_an_opening_that_is_cancelled_leaves_no_open_bus(
             await opening
         gate.set()
         await until(lambda: driver.shut_down)
+
+    run(test)
+
+
+def test_multicast_stays_on_the_machine() -> None:
+    async def test() -> None:
+        port = free_port(socket.SOCK_DGRAM)
+        spec = f"udp_multicast:239.74.163.2?port={port}"
+        async with open_bus(spec, time.monotonic_ns) as opened:
+            with socket.socket(fileno=os.dup(opened._bus.fileno())) as shared:
+                assert shared.getsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL) == 0
+                device = shared.getsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, 4)
+                assert socket.inet_ntoa(device) == "127.0.0.1"
 
     run(test)
 
