@@ -1,11 +1,11 @@
 """A scripted scenario of 600 s beside its peers, in one run: python benchmarks/scenario.py
 
 Ours is the whole process of ``hev-can-emu scenario run`` on the 16-DOF model with a candump recording,
-from its start to its end.  The peers do the bus's part alone: they encode the very signals of that recording with
-cantools, message by message, and send them at the same instants on python-can's virtual bus, which one
-receiver reads, beside an exact NumPy step of the 16-DOF driveline each millisecond.  They are measured on a
-stretch of the recording, and scaled to its length.  Times are CPU seconds, which another load on the machine changes
-little; wall-clock seconds stand beside them.
+from its start to its end.  The peers do the bus's part alone: they encode the very signals of that
+recording with cantools, message by message, and send them at the same instants on python-can's virtual bus,
+which one receiver reads, beside an exact NumPy step of the 16-DOF driveline each millisecond.  They are
+measured on a stretch of the recording, and scaled to its length.  Times are CPU seconds, which another
+load on the machine changes little; wall-clock seconds stand beside them.
 """
 
 from __future__ import annotations
@@ -64,7 +64,17 @@ def ours(out: Path) -> tuple[float, float]:
     """Run the command; return its CPU and wall-clock seconds."""
     scenario = out / "long.yaml"
     scenario.write_text(SCENARIO)
-    command = [COMMAND, "scenario", "run", scenario, "--out", out, "--record", ".log", "--no-plot"]
+    command = [
+        COMMAND,
+        "scenario",
+        "run",
+        scenario,
+        "--out",
+        out,
+        "--record",
+        ".log",
+        "--no-report",
+    ]
     started = time.perf_counter()
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
     _, status, used = os.wait4(process.pid, 0)

@@ -55,6 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="a parameter's value; takes it out of the matrix; may be repeated",
     )
     run.add_argument("--out", metavar="DIR", help="leave recordings, verdicts and a picture there")
+    run.add_argument("--no-report", action="store_true", help="with --out: recordings alone")
     run.add_argument("--no-plot", action="store_true", help="draw no picture")
     run.add_argument(
         "--record",
@@ -91,9 +92,7 @@ def execute(arguments: argparse.Namespace) -> int:
     clock = arguments.clock
     if clock is not None and clock not in CLOCKS:
         raise InputError("--clock", "one of virtual, wall", f"'{clock}'")
-    from hev_can_emu.bus.open import open_bus, timing_of
-
-    if clock == "virtual" and arguments.bus is not None and not _is_virtual(arguments.bus):
+    if clock == "virtual" and arguments.bus is not None and _timing(arguments.bus) is None:
         hint = "use --clock wall, or the in-memory bus with bit times: loopback?bitrate=500000"
         raise InputError("--bus", "no bus with --clock virtual", f"'{arguments.bus}'", hint)
 
@@ -110,6 +109,8 @@ def execute(arguments: argparse.Namespace) -> int:
         check_ending(ending)
     paths = [shipped_or_path(name, folder("scenarios"), "scenario run") for name in arguments.files]
     if arguments.bus is not None:
+        from hev_can_emu.bus.open import open_bus
+
         open_bus(arguments.bus, time.monotonic_ns)  # a name that cannot be a bus is told at once
     out = make_folder(arguments.out)
     # Every file is read and checked before the first one runs.
@@ -126,7 +127,7 @@ def execute(arguments: argparse.Namespace) -> int:
         if arguments.mqtt_commands and not wall:
             raise InputError("--mqtt-commands", "--clock wall", "virtual time")
         stem = _stem(f"{path.stem} {label}".strip(), used)
-        timing = timing_of(bus) if bus is not None and not wall and _is_virtual(bus) else None
+        timing = None if bus is None or wall else _timing(bus)
         bus = (bus or "socketcand") if wall else None
         result, report = _run(playing, bus, timing, out, stem, arguments)
         print_result(result)
@@ -135,7 +136,7 @@ def execute(arguments: argparse.Namespace) -> int:
         codes.append(result.outcome.exit_code)
         if report is not None:
             reports.append((report, stem))
-    if out is not None:
+    if out is not None and reports:
         write_whole(out, ", ".join(dict.fromkeys(path.stem for path in paths)), reports)
     # As severe as the worst: unusable, fail, inconclusive, pass.
     return next((code for code in (2, 1, 3) if code in codes), 0)
@@ -154,11 +155,11 @@ def _print_schema(dbc: str | None) -> int:
     return 0
 
 
-def _is_virtual(bus: str) -> bool:
-    """Return whether a bus can be had in virtual time: in memory, with bit times."""
+def _timing(bus: str) -> Timing | None:
+    """Return the bit times of a bus that can be had in virtual time, in memory; None for others."""
     from hev_can_emu.bus.open import timing_of
 
-    return bus.startswith("loopback") and timing_of(bus) is not None
+    return timing_of(bus) if bus.startswith("loopback") else None
 
 
 def _stem(name: str, used: set[str]) -> str:
@@ -216,7 +217,6 @@ def _car(
     arguments: argparse.Namespace, run: Run, cars: list[tuple[Setup, Emulator, bytes]]
 ) -> tuple[Emulator, bytes]:
     """Return the car of a run with its state at the start, made where there is none like it."""
-    from hev_can_emu.bus.open import open_bus
     from hev_can_emu.commands._compiling import ready_emulator
 
     scenario = run.scenario
@@ -229,6 +229,8 @@ def _car(
     owners |= scenario.nodes
     try:
         if arguments.bus is None and scenario.bus is not None:
+            from hev_can_emu.bus.open import open_bus
+
             open_bus(scenario.bus, time.monotonic_ns)
         setup = make_setup(arguments, head, owners)
         for known, emulator, start in cars:
@@ -266,7 +268,7 @@ def _run(
     epoch_ns = 0 if bus is None else time.time_ns()
     endings: list[str] = arguments.record or [".blf", ".log"] if out is not None else []
     files = [f"{stem}{ending}" for ending in endings]
-    log = RunLog(playing) if out is not None else None
+    log = RunLog(playing) if out is not None and not arguments.no_report else None
     recording = Recording(emulator, [out / name for name in files] if out else [], epoch_ns)
     sinks = recording.sinks if log is None else [*recording.sinks, log.add]
     mqtt = MqttSide(arguments, emulator, None if bus is None else epoch_ns, _say)

@@ -9,7 +9,6 @@ from pathlib import Path
 import msgspec
 
 from hev_can_emu.errors import InputError, did_you_mean
-from hev_can_emu.messages.dbc_reader import read_messages
 from hev_can_emu.messages.dbc_text import DbcText
 from hev_can_emu.messages.definitions import MessageDef, SendType, SignalDef
 from hev_can_emu.messages.protection_spec import ProtectionSpec
@@ -111,6 +110,9 @@ def load_database(path: Path, leave_out: Collection[str] = ()) -> Database:
         InputError: where the file is missing, no text, no DBC, or describes a network that cannot be encoded
             (overlapping signals, equal identifiers or names, a factor of zero); with the line where known.
     """
+    # Only here: the parser behind it takes longer to import than anything else in this package.
+    from hev_can_emu.messages.dbc_reader import read_messages
+
     text = DbcText.read(Path(path))
     nodes, messages = read_messages(text, leave_out)
     return Database(path=Path(path), nodes=nodes, messages=messages)

@@ -6,7 +6,6 @@ import math
 
 import msgspec
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from hev_can_emu.errors import InputError
@@ -78,9 +77,11 @@ class ValveParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def pack(self, dt: float, oil: OilParameters) -> NDArray[np.float64]:
         """Return shape ``(N_VALVE,)``."""
+        from scipy.linalg import expm  # a tenth of a second that other models need not spend
+
         w = self.natural_frequency
         rate = np.array([[0.0, 1.0], [-w * w, -2.0 * self.damping * w]])
-        keep = np.asarray(scipy.linalg.expm(rate * dt)).ravel()
+        keep = np.asarray(expm(rate * dt)).ravel()
         per_stroke = oil.flow_factor(self.area) / (1.0 + self.underlap)
         return np.array([per_stroke, self.underlap, self.leak, self.full_current, *keep])
 

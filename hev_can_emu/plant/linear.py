@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy import linalg
 
 from hev_can_emu.plant.structure import N_PORTS, Configuration, Structure
 
@@ -70,6 +69,8 @@ def modes(structure: Structure, configuration: Configuration) -> Modes:
     The rigid-body space is split off before the eigenvalues are taken: zero eigenvalues of a
     defective pencil would otherwise come out anywhere within the square root of rounding.
     """
+    from scipy import linalg  # a tenth of a second that a run need not spend
+
     transform = structure.lock_map(configuration)
     reach = structure.incidence @ transform
     rigid = transform.shape[1] - int(np.linalg.matrix_rank(reach))

@@ -33,7 +33,7 @@ from hev_can_emu.ecu.ties import (
 )
 from hev_can_emu.errors import InputError, did_you_mean
 from hev_can_emu.messages.codec import build_codec
-from hev_can_emu.messages.database import Database, load_database
+from hev_can_emu.messages.database import Database
 from hev_can_emu.messages.definitions import SignalDef
 from hev_can_emu.messages.frame import FRAME, make_frames
 from hev_can_emu.messages.protection import build_protection
@@ -46,6 +46,7 @@ from hev_can_emu.plant.start import Start
 from hev_can_emu.runtime import tick
 from hev_can_emu.runtime.car import Car
 from hev_can_emu.runtime.fault_book import FaultBook, InjectedFault
+from hev_can_emu.runtime.network_cache import cached_database
 from hev_can_emu.runtime.setup import PROTECTION_MODES, Setup, network_files
 from hev_can_emu.runtime.tick import TICK_NS, Constants, State, make_world, run_world
 from hev_can_emu.scenario.script import GO_ON, STOPPED, Script, no_script
@@ -124,7 +125,7 @@ class Emulator:
         self.vehicle_name, self.provenance = self._car.name, self._car.provenance
         dbc, document, bindings = network_files(self.setup)
         self.database: Database = complete(
-            bindings, load_database(dbc, bindings.leave_out), document.where
+            bindings, cached_database(dbc, bindings.leave_out), document.where
         )
         ties = resolve(bindings, self.database, document.where)
         self.node_names = tuple(bindings.nodes)

@@ -12,7 +12,7 @@ from hev_can_emu.scenario.program import Span, Step, Tables
 from hev_can_emu.scenario.stimulus_compiler import StimulusCompiler
 from hev_can_emu.scenario.values import Values
 
-MAX_STEPS = 100_000  #: of a scenario, loops unrolled
+MAX_STEPS = 20_000  #: of a scenario, loops unrolled
 _LOOP_KEYS = ("name", "repeat")
 
 

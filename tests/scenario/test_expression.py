@@ -19,6 +19,8 @@ from hev_can_emu.scenario.quantities import Parameter
 from hev_can_emu.scenario.signals import Signals
 from hev_can_emu.scenario.sources import Sources
 
+pytestmark = pytest.mark.kernels
+
 NAN = math.nan
 PARAMETERS = {
     "ratio": Parameter(9.0, ""),

@@ -11,6 +11,8 @@ import pytest
 from hev_can_emu.scenario.verdict import Outcome, Verdict
 from hev_can_emu.scenario.weighting import weigh, weighting_filter
 
+pytestmark = pytest.mark.kernels
+
 NAN = math.nan
 PASS, FAIL, OPEN = Outcome.PASS, Outcome.FAIL, Outcome.INCONCLUSIVE
 

@@ -54,6 +54,25 @@ CASES: list[tuple[str, str]] = [
         HEAD + "steps:\n- at: -1 s\n",
         "s.yaml:5: $.steps[0].at: expected a time of 0 s or more, got '-1 s'",
     ),
+    # What other readers of YAML take for something else
+    (
+        "version: 1\nname: x\nduration: 1e-3\n",
+        "s.yaml:3: $.duration: expected a number with a unit such as '1 s', got '0.001'; "
+        "the unit does not fit",
+    ),
+    (
+        HEAD + "steps:\n- at: 1 s\n  set: {EM2ControlMode: on}\n",
+        "s.yaml:6: $.steps[0].set.EM2ControlMode: expected a number or a label, got 'on'; "
+        "labels: Off, Torque, Speed, NotAvailable",
+    ),
+    (
+        HEAD + "expectations:\n- sequence: {value: DrivingMode, of: [1], exactly: on}\n",
+        "s.yaml:5: $.expectations[0].sequence.exactly: expected true or false, got 'on'",
+    ),
+    (
+        HEAD + "seed: 1_000\n",
+        "s.yaml:4: $.seed: expected a whole number, got '1_000'",
+    ),
     # Steps
     (
         HEAD + "steps:\n- name: x\n",
@@ -294,6 +313,11 @@ CASES: list[tuple[str, str]] = [
         "got '1' twice",
     ),
 ]
+
+
+def test_what_looks_like_a_number_is_one(bench: Any) -> None:
+    bench.play("duration: 1 s\nsteps:\n- {at: 0 s, set: {EM2TorqueRequest: 1e-3}}")
+    assert bench.sent == [(0, "EM2TorqueRequest", 0.001)]
 
 
 @pytest.mark.parametrize(("text", "message"), CASES, ids=range(len(CASES)))
