@@ -51,7 +51,8 @@ class Wire:
         bits_of(make_frames(1))  # compiled now, not when the first frame is due
         self.timing = timing
         self.statistics = WireStatistics()
-        self._nodes: list[Node] = []
+        self._nodes: dict[int, Node] = {}
+        self._numbers = 0
         self._arrivals: deque[tuple[int, Node, Pending]] = deque()
         self._order = 0
         self._latest_ns = 0  # of submissions: they are taken in order
@@ -71,27 +72,26 @@ class Wire:
         one of its identifier is submitted is overwritten, as in a control unit.  Without, frames
         queue.
         """
-        self._nodes.append(Node(name, mailboxes))
-        return len(self._nodes) - 1
+        number = self._numbers
+        self._numbers += 1
+        self._nodes[number] = Node(number, name, mailboxes)
+        return number
 
     def remove_node(self, node: int) -> None:
         """Take a node off the wire, with what it has pending."""
-        gone = self._nodes[node]
+        gone = self._nodes.pop(node)
         gone.present = False
         gone.queue.clear()
+        self._floods = [flood for flood in self._floods if flood.node is not gone]
 
     @property
-    def node_count(self) -> int:
-        """How many nodes there are or have been; their numbers are below it."""
-        return len(self._nodes)
+    def names_off(self) -> set[str]:
+        """Names of the nodes that are off the bus."""
+        return {node.name for node in self._nodes.values() if not node.takes_part}
 
     def name(self, node: int) -> str:
         """Return a node's name."""
         return self._nodes[node].name
-
-    def frames_of(self, node: int) -> int:
-        """Return how many frames a node has sent whole."""
-        return self._nodes[node].sent
 
     def errors(self, node: int) -> ErrorCounters:
         """Return a node's error counters."""
@@ -108,7 +108,7 @@ class Wire:
     def release(self, name: str, t_ns: int) -> None:
         """Let every node of this name try to recover from ``t_ns`` on."""
         self._holds = [hold for hold in self._holds if hold[1] != name]
-        for node in self._nodes:
+        for node in self._nodes.values():
             if node.name == name:
                 node.held_off_ns = min(node.held_off_ns, t_ns)
 
@@ -124,12 +124,17 @@ class Wire:
         """End a disturbance."""
         self._disturbances.remove(active)
 
-    def flood(self, name: str, what: Flood) -> int:
-        """Add a node that floods the wire; :meth:`remove_node` of its number ends it."""
-        number = self.add_node(name)
+    def flood(self, name: str, what: Flood) -> Flooding:
+        """Add a node that floods the wire; :meth:`end_flood` ends it."""
+        node = self._nodes[self.add_node(name)]
         (frame,) = self._pending(what.start_ns, what.record)
-        self._floods.append(Flooding(self._nodes[number], what, frame))
-        return number
+        flooding = Flooding(node, what, frame)
+        self._floods.append(flooding)
+        return flooding
+
+    def end_flood(self, flooding: Flooding) -> None:
+        """End a flood, and take its node off the wire."""
+        self.remove_node(flooding.node.number)
 
     # -- running --------------------------------------------------------------------------------
 
@@ -168,7 +173,7 @@ class Wire:
         if self._current is not None:
             return self._current.end_ns
         times = [flood.due_ns for flood in self._floods if flood.waits]
-        times += [max(self._free_ns, node.ready_ns) for node in self._nodes if node.queue]
+        times += [max(self._free_ns, node.ready_ns) for node in self._nodes.values() if node.queue]
         if self._arrivals:
             times.append(max(self._free_ns, self._arrivals[0][0]))
         return min(times, default=None)
@@ -188,7 +193,7 @@ class Wire:
             self._idle(moment)
             self._arrive(moment)
             best: Node | None = None
-            for node in self._nodes:
+            for node in self._nodes.values():
                 self._forget_overwritten(node)
                 if not node.queue or node.ready_ns > moment or node.errors.state == BUS_OFF:
                     continue
@@ -203,7 +208,7 @@ class Wire:
         soonest = min([t_ns for t_ns, _, _ in self._holds], default=FOREVER)
         if self._arrivals:
             soonest = min(soonest, self._arrivals[0][0])
-        for node in self._nodes:
+        for node in self._nodes.values():
             if node.errors.state == BUS_OFF:
                 if node.present and node.held_off_ns < FOREVER:
                     begin = max(self._free_ns, node.held_off_ns)
@@ -218,7 +223,7 @@ class Wire:
 
     def _idle(self, until_ns: int) -> None:
         """Let the wire be idle until then; nodes that are off count recessive bits."""
-        for node in self._nodes:
+        for node in self._nodes.values():
             begin = max(self._free_ns, node.held_off_ns)
             if node.errors.state == BUS_OFF and begin <= until_ns:
                 node.recessive_ns += until_ns - begin
@@ -236,7 +241,7 @@ class Wire:
         """Let what was submitted by then, and floods, take part in arbitration, and nodes go off."""
         for hold in [hold for hold in self._holds if hold[0] <= t_ns]:
             self._holds.remove(hold)
-            for node in self._nodes:
+            for node in self._nodes.values():
                 if node.name == hold[1] and node.present:
                     node.held_off_ns = hold[2]
                     node.errors.turn_off()
@@ -270,7 +275,7 @@ class Wire:
             if disturbance.strikes(start_ns, node.name, can_id, bool(flags & EXTENDED)):
                 error = disturbance
                 break
-        acknowledged = any(other is not node and other.takes_part for other in self._nodes)
+        acknowledged = any(other is not node and other.takes_part for other in self._nodes.values())
         duration = frame.duration_ns
         missed_by = ""
         if error is not None and not self._is_noticed(error, node):
@@ -289,7 +294,7 @@ class Wire:
         name = error.what.receiver
         return not name or any(
             finder.name == name and finder.takes_part and finder.errors.state != PASSIVE
-            for finder in self._nodes
+            for finder in self._nodes.values()
             if finder is not sender
         )
 
@@ -307,14 +312,14 @@ class Wire:
             self.statistics.frames += 1
             node.sent += 1
             record = _STAMP.pack(end_ns) + frame.record[_STAMP.size :]
-            done.append(Sent(end_ns, self._nodes.index(node), record, missed_by))
+            done.append(Sent(end_ns, node.number, record, missed_by))
         else:
             node.errors.failed_to_send(unacknowledged=error is None)
             self.statistics.errors += 1
             if node.present:
                 heapq.heappush(node.queue, frame)
         self._tell_if(node, before, end_ns)
-        for other in self._nodes:
+        for other in self._nodes.values():
             if other is node or not other.present:
                 continue
             if other.errors.state == BUS_OFF:

@@ -61,6 +61,7 @@ class Node:
     """A controller on the wire.
 
     Attributes:
+        number: by which others name it.
         name: for people and disturbances.
         mailboxes: whether a newer frame overwrites a pending one of its identifier.
         errors: its error counters.
@@ -74,7 +75,8 @@ class Node:
         sent: frames that it has sent whole.
     """
 
-    def __init__(self, name: str, mailboxes: bool) -> None:
+    def __init__(self, number: int, name: str, mailboxes: bool) -> None:
+        self.number = number
         self.name = name
         self.mailboxes = mailboxes
         self.errors = ErrorCounters()

@@ -138,5 +138,5 @@ class WireFaults:
         nominal = bits_of(record)[0, 0]
         busy_ns = wire.timing.bits_ns(int(nominal) + INTERMISSION)
         period_ns = 0 if fault.load >= 1.0 else round(busy_ns / fault.load)
-        number = wire.flood(name, Flood(record.tobytes(), period_ns, start_ns, end_ns))
-        return lambda: wire.remove_node(number), lambda: wire.frames_of(number)
+        flooding = wire.flood(name, Flood(record.tobytes(), period_ns, start_ns, end_ns))
+        return lambda: wire.end_flood(flooding), lambda: flooding.node.sent

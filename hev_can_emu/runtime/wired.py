@@ -50,11 +50,7 @@ class WiredCar:
             How many are left, now at the beginning; how many of them were sent by others.
         """
         foreign = int(np.count_nonzero(frames["flags"][:count] & SENT == 0))
-        off = {
-            self._wire.name(node)
-            for node in range(self._wire.node_count)
-            if not self._wire.is_on(node)
-        }
+        off = self._wire.names_off
         if not off:
             return count, foreign
         kept = [i for i in range(count) if not self._is_unheard(frames[i], off)]

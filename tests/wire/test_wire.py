@@ -213,11 +213,12 @@ def test_a_flood_takes_what_it_is_given() -> None:
 
 def test_a_full_flood_leaves_nothing_to_others() -> None:
     wire = wire_of("A", "B")
-    number = wire.flood("babbler", Flood(record(0x000), period_ns=0))
+    flood = wire.flood("babbler", Flood(record(0x000), period_ns=0))
     wire.submit(0, 1 * MS, record(0x001))
     assert set(ids(wire.advance(1000 * MS))) == {0x000}
     assert wire.statistics.load(1000 * MS) > 0.99
-    wire.remove_node(number)
+    wire.end_flood(flood)
+    assert flood.node.sent > 1000
     assert ids(wire.advance(1001 * MS))[-1] == 0x001
 
 
@@ -259,3 +260,17 @@ def test_counters_follow_the_rules() -> None:
 def test_no_time_is_too_late() -> None:
     wire = wire_of("A", "B")
     assert wire.advance(FOREVER - 1) == []
+
+
+def test_nodes_that_have_left_are_forgotten() -> None:
+    wire = wire_of("A", "B")
+    for k in range(1000):
+        guest = wire.add_node(f"guest {k}")
+        wire.submit(guest, k * MS, record(0x100))
+        wire.advance(k * MS)
+        wire.remove_node(guest)
+    wire.submit(0, 2000 * MS, record(0x200))
+    # Each guest's frame was on the wire when it left.
+    assert len(wire.advance(3000 * MS)) == 2
+    assert wire.statistics.frames == 1001
+    assert len(wire._nodes) == 2
