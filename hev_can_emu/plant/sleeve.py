@@ -37,6 +37,7 @@ from hev_can_emu.plant.sleeve_parameters import (
     P_DOG_SLIP,
     P_DOGS,
     P_DT,
+    P_EASE,
     P_END,
     P_ENGAGED_FORCE,
     P_ENGAGED_WIDTH,
@@ -89,7 +90,6 @@ N_OUT = 22
 
 _SEGMENTS = 8  # moves between obstacles in one step
 _REST = 1e-9  # of the step: less is none left
-_NEWS = 0.2
 
 
 @kernel
@@ -141,38 +141,59 @@ def _turn_ring(
 
 @kernel
 def _chamfer_press(
-    p: Array, s: float, v: float, way: float, push: float, stiffness: float
+    p: Array, s: float, v: float, way: float, new: float, push: float, stiffness: float
 ) -> float:
-    """Return what chamfers press with that take the sleeve along a way in one step, N."""
+    """Return what chamfers press with that take the sleeve along a way and to a speed in one step, N."""
     dt = p[P_DT]
     dry = _friction(p, s, way >= 0.0, push, 0.0)
     rest = push - 0.5 * stiffness * way - mean_pull(p, s, way) + (dry if way < 0.0 else -dry)
-    return float(rest - p[P_DAMPING] * way / dt - p[P_MASS] * (way / dt - v) / dt)
+    return float(rest - p[P_DAMPING] * way / dt - p[P_MASS] * (new - v) / dt)
+
+
+@kernel
+def _press_next(
+    p: Array, s: float, speed: float, drift: float, push: float, way: float, stiffness: float
+) -> float:
+    """Return what to tell the driveline that the sleeve presses with in its next step, N.
+
+    Solved with the answer of light parts within the step, so that neither the sleeve's mass nor the
+    cylinder's oil is too stiff for it; heavier parts show in the drift, which makes up for it.  ``drift``
+    is how the chamfers' speed would change without it, m/s^2; ``push`` the mean force over the ``way`` of
+    this step, which oil that flows keeps up.
+    """
+    dt, m = p[P_DT], p[P_MASS]
+    dry = _friction(p, s, True, push, 0.0)
+    rest = push - dry - mean_pull(p, s, 0.0) - p[P_DAMPING] * speed
+    rest -= 0.5 * stiffness * (dt * (speed + 0.5 * dt * drift) - way) + m * drift
+    return float(max(rest / (1.0 + p[P_EASE] * (m + 0.25 * stiffness * dt * dt)), 0.0))
 
 
 @kernel
 def _with_chamfers(
-    p: Array, x: Array, side: float, limit: float, push: float, stiffness: float, out: Array
+    p: Array,
+    x: Array,
+    side: float,
+    limit: float,
+    speed: float,
+    push: float,
+    stiffness: float,
+    out: Array,
 ) -> float:
-    """Go with the chamfers from the old place to ``limit``; return what they took, J.
-
-    Their speed is that of the way; the change to it is a plastic blow.
-    """
+    """Go with the chamfers from the old place to ``limit`` at their ``speed``; return what they took, J."""
     s, v = side * x[X_POSITION], side * x[X_VELOCITY]
-    m = p[P_MASS]
+    m, dt = p[P_MASS], p[P_DT]
     way = limit - s
-    new = way / p[P_DT]
-    press = _chamfer_press(p, s, v, way, push, stiffness)
+    press = _chamfer_press(p, s, v, way, speed, push, stiffness)
     out[OUT_WORK] += (push - 0.5 * stiffness * way) * way
     out[OUT_ELASTIC] += elastic_change(p, s, limit)
     out[OUT_FRICTION_LOSS] += _friction(p, s, way >= 0.0, push, 0.0) * abs(way)
-    out[OUT_DAMPING_LOSS] += p[P_DAMPING] * new * way
-    out[OUT_KINETIC] += 0.5 * m * (new * new - v * v)
-    out[OUT_STOP_LOSS] += 0.5 * m * (new - v) * (new - v)
-    x[X_POSITION], x[X_VELOCITY] = side * limit, side * new
-    # A part of the news at a time: the inertias answer a step late to what the sleeve presses with.
-    x[X_PRESS] += _NEWS * (max(press, 0.0) - x[X_PRESS])
-    return float(press * way)
+    out[OUT_DAMPING_LOSS] += p[P_DAMPING] * way / dt * way
+    out[OUT_KINETIC] += 0.5 * m * (speed * speed - v * v)
+    x[X_POSITION], x[X_VELOCITY] = side * limit, side * speed
+    drift = (speed - v) / dt - p[P_EASE] * x[X_PRESS] if x[X_PRESS] > 0.0 else 0.0
+    x[X_PRESS] = _press_next(p, limit, speed, drift, push - 0.5 * stiffness * way, way, stiffness)
+    # The mean of both speeds is not quite that of the way.
+    return float(press * way - m * (speed - v) * (0.5 * (speed + v) - way / dt))
 
 
 @kernel
@@ -211,21 +232,32 @@ def _move(
         drive = push - direction * dry
         time = remaining
         way = way_in_time(p, position, velocity, drive, stiffness, time)
-        new = 2.0 * way / time - velocity
-        if new * direction <= 0.0 and velocity != 0.0:
+        stops = False
+        if velocity != 0.0 and (2.0 * way / time - velocity) * direction <= 0.0:
             rest = way_to_rest(p, position, velocity, drive, stiffness)
             if 2.0 * rest / velocity <= time:
-                way, new, time = rest, 0.0, 2.0 * rest / velocity
-        if (position + way - limit) * direction >= 0.0:
-            way = limit - position
-            mean = speed_over_way(p, position, velocity, drive, stiffness, way)
-            new, time = 2.0 * mean - velocity, way / mean
+                way, stops, time = rest, True, 2.0 * rest / velocity
+        arrives = (position + way - limit) * direction >= 0.0
+        if arrives:
+            way, stops = limit - position, False
+        if way == 0.0:
+            break
+        # The speed that goes with this way: energies are exact however well the way was found.
+        mean = speed_over_way(p, position, velocity, drive, stiffness, way)
+        new = 2.0 * mean - velocity
+        if arrives:
+            time = way / mean
         out[OUT_WORK] += (push - 0.5 * stiffness * way) * way
         out[OUT_ELASTIC] += elastic_change(p, position, position + way)
         out[OUT_FRICTION_LOSS] += dry * abs(way)
-        out[OUT_DAMPING_LOSS] += p[P_DAMPING] * way / time * way
-        out[OUT_KINETIC] += 0.5 * m * (new * new - velocity * velocity)
-        position = limit if way == limit - position else position + way
+        out[OUT_DAMPING_LOSS] += p[P_DAMPING] * mean * way
+        if stops:
+            out[OUT_STOP_LOSS] += 0.5 * m * new * new  # rounding
+            new = 0.0
+            out[OUT_KINETIC] -= 0.5 * m * velocity * velocity
+        else:
+            out[OUT_KINETIC] += 0.5 * m * (new * new - velocity * velocity)
+        position = limit if arrives else position + way
         velocity = new
         remaining -= time
         if remaining <= _REST * p[P_DT]:
@@ -391,18 +423,24 @@ def sleeve_step(
             limit = p[P_TIP] if fast and s <= p[P_TIP] else chamfer_limit(p, place)
             dogs_meet = limit < p[P_END]
     pressed = False
+    away = p[P_SLOPE] * (-slip if place > 0.0 else slip)  # speed at which the chamfers give way
+    if fast and s <= p[P_TIP]:
+        away = 0.0
     if dogs_meet:
         v = side * x[X_VELOCITY]
         if x[X_PRESS] > 0.0:
-            pressed = _chamfer_press(p, s, v, limit - s, push, stiffness) >= 0.0
+            pressed = _chamfer_press(p, s, v, limit - s, away, push, stiffness) >= 0.0
         elif limit < s:
             dry = _friction(p, s, v >= 0.0, push, 0.0)
             drive = push - (dry if v >= 0.0 else -dry)
             pressed = s + way_in_time(p, s, v, drive, stiffness, p[P_DT]) >= limit
     if pressed:
-        given = _with_chamfers(p, x, side, limit, push, stiffness, out)
+        given = _with_chamfers(p, x, side, limit, away, push, stiffness, out)
         if fast and limit <= s:
-            given -= _throw_back(p, x, side, slip, out)
+            x[X_GRATING] = 1.0
+            # Chamfers that come on push it before them; otherwise it is thrown.
+            if -away < min(p[P_RATCHET] * abs(slip), p[P_RATCHET_MAX]):
+                given -= _throw_back(p, x, side, slip, out)
     else:
         x[X_PRESS] = 0.0
         low, high = -blocking, limit
@@ -413,15 +451,14 @@ def sleeve_step(
             if fast and struck > 0.0:
                 given -= _throw_back(p, x, side, slip, out)
             else:
-                x[X_PRESS] = _NEWS * max(push - _friction(p, limit, True, push, 0.0), 0.0)
                 # Chamfers that give way take it along.
-                away = p[P_SLOPE] * (-slip if place > 0.0 else slip)
                 kept = min(max(away, 0.0), struck)
                 kept_energy = 0.5 * p[P_MASS] * kept * kept
                 out[OUT_STOP_LOSS] -= kept_energy
                 out[OUT_KINETIC] += kept_energy
                 x[X_VELOCITY] = side * kept
-
+                now = push - side * stiffness * (x[X_POSITION] - start)
+                x[X_PRESS] = _press_next(p, limit, kept, 0.0, now, 0.0, stiffness)
     s = side * x[X_POSITION]
     push -= side * stiffness * (x[X_POSITION] - start)
     if not fast or push <= 0.0 or s > p[P_DOGS] or s < blocking:
@@ -430,6 +467,10 @@ def sleeve_step(
         out[OUT_GAP1 if side > 0.0 else OUT_GAP2] = min(max(place, -p[P_HALF]), p[P_HALF])
         x[X_PRESS] = 0.0
     if x[X_PRESS] > 0.0:
+        # Where the flank ends within the coming step, it presses for that part of it only.
+        room, turning = (abs(place) - p[P_HALF]) * p[P_SLOPE], away * p[P_DT]
+        if turning > room:
+            x[X_PRESS] *= room / turning
         x[X_TORQUE] = -p[P_SLOPE] * x[X_PRESS] if place > 0.0 else p[P_SLOPE] * x[X_PRESS]
     out[OUT_TOOTH_WORK] = -told
     out[OUT_TOOTH_LAG] = given - told

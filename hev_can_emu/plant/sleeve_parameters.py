@@ -22,8 +22,11 @@ P_INDEX_RATE, P_FLIGHT_SHARE = 17, 18
 P_PITCH, P_HALF, P_SLOPE = 19, 20, 21
 P_FACE_DRAG, P_GRATING_DRAG, P_DOG_HOLD = 22, 23, 24
 P_DOG_SLIP, P_RATCHET, P_RATCHET_MAX = 25, 26, 27
-P_INDEX_LEVER, P_STIFFNESS = 28, 29
-N_PARAMETERS = 30
+P_INDEX_LEVER, P_STIFFNESS, P_EASE = 28, 29, 30
+N_PARAMETERS = 31
+
+# How light the turning parts are taken to be behind the chamfers: the sleeve's mass is so many times theirs.
+_LIGHTEST = 4.0
 
 
 class SleeveParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -195,5 +198,6 @@ class SleeveParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 self.ratchet_speed,
                 self.index_lever,
                 4.0 * steepest,
+                _LIGHTEST / self.mass,
             ]
         )

@@ -194,6 +194,16 @@ def test_started_in_gear_it_stays_there():
     assert unit.hardest < 1.0
 
 
+def test_a_unit_that_starts_anew_takes_the_gear_it_finds():
+    unit = Unit(1, position=SLEEVE.end_position)
+    unit.x[s.X_ZONE] = s.STOP
+    unit.xh[h.X_SLEEVE] = unit.seen[shifting.X_PLACE] = unit.x[s.X_POSITION]
+    unit.ask(math.nan, math.nan, 200)
+    assert (unit.phases[-1], unit.told[c.OUT_GEAR]) == (c.ENGAGED, 1.0)
+    assert unit.travel == SLEEVE.end_position
+    assert unit.ask(0, 800.0, until=c.NEUTRAL).phases[-2:] == [c.DISENGAGING, c.NEUTRAL]
+
+
 @pytest.mark.parametrize(
     ("change", "where"),
     [
