@@ -3,14 +3,15 @@
 Peers on the same linear driveline (parallel G1, without any machine, friction or event): SciPy's `solve_ivp`
 started anew each millisecond, as a co-simulation must (Radau and LSODA, rtol 1e-6), `scipy.signal.lsim` and
 `dlsim`, and openTorsion's transient simulation over a whole run.  Ours is always the whole plant of
-that name.  Rounds are interleaved and the best of each is told (a busy machine only adds); figures are
-multiples of real time.  The last line is the time that a fresh process takes to its first tick.
+that name.  Rounds are interleaved and the best of each is told; time is the process's own on one core, so
+that a busy machine adds little; figures are multiples of real time.  The last lines are the time that a
+fresh process takes to its first tick.
 """
 
 from __future__ import annotations
 
 import os
-import statistics
+import resource
 import subprocess
 import sys
 import time
@@ -36,6 +37,7 @@ GOALS: dict[str, tuple[float | None, float | None]] = {
     "16dof": (300.0, 2000.0),
     "detailed": (None, 40.0),
 }
+NAN = float("nan")
 
 Case = tuple[str, Callable[[], float], float | None]
 """Name, a run that returns the seconds it simulated, the goal in multiples of real time."""
@@ -125,32 +127,40 @@ def open_torsion(p: DrivelineParameters) -> ot.Assembly:
 
 
 def plants() -> list[Case]:
-    """Return the whole plant of each fidelity, in loops and call by call, and the emulator around it."""
+    """Return the whole plant of each fidelity in series drive, on the bench and on its bus."""
     cases: list[Case] = []
-    for model in ("4dof", "16dof", "detailed"):
-        bench = Bench(Setup(model=model))
-        bench.command(em2_mode=1.0, em2_torque=TORQUE)
+    for model, (one, many) in GOALS.items():
+        car = Bench(Setup(model=model))
+        car.command(
+            em1_mode=2.0, em1_speed=160.0, em1_torque_min=NAN, em1_torque_max=NAN,
+            em2_mode=1.0, em2_torque=TORQUE, em2_torque_min=NAN, em2_torque_max=NAN,
+            clutch_capacity=150.0, brake_torque=500.0,
+        )  # fmt: skip
+        car.advance(2000)
+        car.command(engine_run=1.0, engine_torque=40.0)
+        car.advance(2000)
+        assert car.truth("clutch_held") == 1.0
+        assert car.truth("engine_speed") > 100.0
 
-        def by_call(bench: Bench = bench) -> float:
-            for _ in range(1000):
-                bench.run(1)
+        def by_call(car: Bench = car) -> float:
+            for _ in range(200):
+                car.run(1)
+            return 0.2
+
+        def at_once(car: Bench = car) -> float:
+            car.run(1000)
             return 1.0
 
-        def in_a_loop(bench: Bench = bench) -> float:
-            bench.run(1000)
-            return 1.0
-
-        one, many = GOALS[model]
         cases.append((f"{model}, one tick per call", by_call, one))
-        cases.append((f"{model}, 1000 ticks per call", in_a_loop, many))
-    for model in ("4dof", "16dof", "detailed"):
+        cases.append((f"{model}, a thousand ticks per call", at_once, many))
+    for model in ("16dof", "detailed"):
         emulator = Emulator(Setup(model=model))
 
-        def at_once(emulator: Emulator = emulator) -> float:
+        def on_bus(emulator: Emulator = emulator) -> float:
             emulator.advance(emulator.now_ns + 1_000_000_000)
             return 1.0
 
-        cases.append((f"{model} on its bus, 1000 ticks per call", at_once, None))
+        cases.append((f"{model} with its control units and bus", on_bus, None))
     return cases
 
 
@@ -163,10 +173,11 @@ Emulator(Setup(model={model!r})).advance(1_000_000)
 
 
 def first_tick(model: str) -> float:
-    """Return the seconds from the start of a fresh process to the end of its first tick."""
-    started = time.perf_counter()
+    """Return the seconds of a core from the start of a fresh process to the end of its first tick."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
     subprocess.run([sys.executable, "-c", FIRST_TICK.format(model=model)], check=True)
-    return time.perf_counter() - started
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
 
 
 def main() -> None:
@@ -177,16 +188,16 @@ def main() -> None:
     best = {name: 0.0 for name, *_ in cases}
     for _ in range(ROUNDS + 1):  # the first round compiles and warms up
         for name, run, _ in cases:
-            started = time.perf_counter()
+            started = time.process_time()
             simulated = run()
-            best[name] = max(best[name], simulated / (time.perf_counter() - started))
+            best[name] = max(best[name], simulated / (time.process_time() - started))
     for name, _, goal in cases:
         told = "" if goal is None else f"   goal {goal:g}"
         print(f"{name:<42} {best[name]:10.3g} x real time{told}")
     for model in ("16dof", "detailed"):
         times = [first_tick(model) for _ in range(FIRST_TICKS)]
-        name = f"first tick of a fresh process, {model}"
-        print(f"{name:<42} {statistics.median(times):10.2f} s   goal 2.5 s")
+        told = f"{min(times):10.2f} s   goal 2.5 s"
+        print(f"{f'first tick of a fresh process, {model}':<42} {told}")
 
 
 if __name__ == "__main__":

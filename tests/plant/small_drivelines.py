@@ -8,6 +8,7 @@ from hev_can_emu.plant.bank import Bank, build_bank
 from hev_can_emu.plant.driveline import N_INTEGERS, TRIAL
 from hev_can_emu.plant.events import EVENT
 from hev_can_emu.plant.structure import Structure
+from hev_can_emu.plant.teeth import N_BOOKS, build_extras
 
 
 def inertias_with_clutches(
@@ -55,17 +56,22 @@ def inertias_with_clutches(
 
 
 class Bench:
-    """A driveline with its state, stepped from Python."""
+    """A driveline with its state, stepped from Python; ``detailed``: as the detailed plant steps it."""
 
-    def __init__(self, structure: Structure, period: float = 1e-3, levels: int = 10) -> None:
+    def __init__(
+        self, structure: Structure, period: float = 1e-3, levels: int = 10, detailed: bool = False
+    ) -> None:
         self.structure = structure
-        self.bank: Bank = build_bank(structure, period, levels)
+        self.bank: Bank = build_bank(structure, period, levels, travel=detailed)
+        self.extras = None
+        if detailed:
+            self.extras = build_extras(structure, self.bank, np.zeros(0), damper_work=True)
         self.x = np.zeros(structure.n + structure.nq)
         self.state = np.zeros(N_INTEGERS, dtype=np.int64)
         self.u = np.zeros(10)
         self.kinetic = np.zeros(6)
         self.static = np.zeros(6)
-        self.lost = np.zeros(1)
+        self.lost = np.zeros(N_BOOKS if detailed else 1)
         self.trial = np.zeros(TRIAL)
         self.period_ns = round(period * 1e9)
         self.t_ns = 0
@@ -78,6 +84,7 @@ class Bench:
         self.n_events = step(
             self.bank, self.x, self.state, self.u, self.kinetic, self.static, self.lost,
             self.trial, self.t_ns, self.period_ns, self.record, self.n_events,
+            self.extras,
         )  # fmt: skip
         self.t_ns += self.period_ns
 

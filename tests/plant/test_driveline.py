@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from small_drivelines import Bench, inertias_with_clutches
 
-from hev_can_emu.plant import driveline
+from hev_can_emu.plant import driveline, teeth
 
 pytestmark = pytest.mark.kernels
 
@@ -38,6 +38,22 @@ def test_two_inertias_lock_at_the_closed_form_instant_with_its_heat() -> None:
     assert heat == pytest.approx(2014.925, rel=1e-4)
 
 
+def test_its_heat_is_booked_where_it_arises() -> None:
+    # The same clutch as the detailed plant steps it: heat is friction torque over the slip's exact travel.
+    bench = Bench(inertias_with_clutches([0.2, 0.5], {0: (0, 1)}), 5e-5, 6, detailed=True)
+    bench.x[:2] = 200.0, 50.0
+    bench.kinetic[0], bench.static[0] = 120.0, 130.0
+    while bench.t_ns < 300_000_000:
+        bench.u[0], bench.u[1] = 30.0, -10.0
+        bench.step()
+    (instant, kind, lock), *others = bench.events
+    assert (kind, lock, others) == (driveline.LOCKED, 0, [])
+    assert instant == pytest.approx(150.0 / 670.0, abs=1.0e-6)
+    assert bench.lost[teeth.FRICTION] == pytest.approx(120.0 * 150.0**2 / 670.0 / 2.0, rel=1e-9)
+    assert bench.lost[teeth.FRICTION] == pytest.approx(2014.925, abs=1e-3)
+    assert 0.0 <= bench.lost[teeth.LOST] < 1e-6
+
+
 def test_stuck_clutch_releases_when_its_static_capacity_is_exceeded() -> None:
     bench = Bench(inertias_with_clutches([0.2, 0.5], {0: (0, 1)}))
     bench.kinetic[0], bench.static[0] = 100.0, 120.0
@@ -51,10 +67,12 @@ def test_stuck_clutch_releases_when_its_static_capacity_is_exceeded() -> None:
     assert bench.x[0] > bench.x[1]
 
 
-def test_coupled_clutches_of_the_modelica_standard_library() -> None:
+@pytest.mark.parametrize("detailed", [False, True])
+def test_coupled_clutches_of_the_modelica_standard_library(detailed: bool) -> None:
     # Rotational.Examples.CoupledClutches: four inertias of 1 kg m^2, J1 at 10 rad/s, torque
     # 10 sin(2 pi 5 t); capacities 10*|f|, static 11*|f|, f1 = cos(2 pi 0.2 t), f2 from 0.4 s, f3 from 0.9 s.
-    bench = Bench(inertias_with_clutches([1.0] * 4, {0: (0, 1), 1: (1, 2), 3: (2, 3)}), 5e-5, 6)
+    structure = inertias_with_clutches([1.0] * 4, {0: (0, 1), 1: (1, 2), 3: (2, 3)})
+    bench = Bench(structure, 5e-5, 6, detailed)
     bench.x[0] = 10.0
     while bench.t_ns < 1_500_000_000:
         middle = (bench.t_ns + 25_000) * 1e-9

@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from random_cars import car, changed, rigid_shape
 
 from hev_can_emu.plant.bank import propagators
+from hev_can_emu.plant.geared import RearAxle, geared
 from hev_can_emu.plant.linear import state_space
 from hev_can_emu.plant.reduction import reduced
 from hev_can_emu.plant.structure import CONFIGURATIONS, Configuration, Structure, full_order
 from hev_can_emu.plant.vehicle import DrivelineParameters
 
 STEPS = 200_000
+REAR = RearAxle(inertia=2.0, stiffness=16e3, damping=0.0)
+# How each is built, and its step, s.
+MODELS: dict[str, tuple[Callable[[DrivelineParameters], Structure], float]] = {
+    "16dof": (full_order, 1e-3),
+    "4dof": (reduced, 1e-3),
+    "detailed": (lambda p: geared(p, REAR), 5e-5),
+}
 
 
 def undamped(p: DrivelineParameters) -> DrivelineParameters:
@@ -28,15 +38,16 @@ def energy(structure: Structure, configuration: Configuration, x: np.ndarray) ->
 
 @pytest.mark.parametrize("which", ["default", 1, 2])
 @pytest.mark.parametrize("name", ["parallel_g1", "series", "electric_neutral"])
-@pytest.mark.parametrize("model", ["16dof", "4dof"])
+@pytest.mark.parametrize("model", ["16dof", "4dof", "detailed"])
 def test_energy_and_momentum_over_two_hundred_thousand_steps(
     which: str | int, name: str, model: str
 ) -> None:
     p = undamped(car(which))
-    structure = full_order(p) if model == "16dof" else reduced(p)
+    build, step = MODELS[model]
+    structure = build(p)
     configuration = CONFIGURATIONS[name]
     a, b = state_space(structure, configuration)
-    flow = propagators(a, b, 1e-3, 0)[0, :, : len(a)]
+    flow = propagators(a, b, step, 0)[0, :, : len(a)]
     random = np.random.default_rng(3)
     z = rigid_shape(structure, configuration)
     transform = structure.lock_map(configuration)
