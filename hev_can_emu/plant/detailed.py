@@ -210,6 +210,12 @@ def _steps(
             p_road, radius * row_speed(at, by, drive_x, ROAD), hold[lay.H_GRADE], 0.0, road_out
         )
         forces[ROAD] = road_out[road.OUT_BODY_TORQUE]
+        # C1 by the oil at the step's beginning: the flow, by valves at its end, is half a step early, and
+        # what is held from the beginning half a step late.
+        inner.capacities(
+            p_clutch, x_clutch, p_oil, x_oil, row_speed(at, by, drive_x, N_PORTS + C1),
+            oil_temperature, hold, road_out, n, clutch_out, kinetic, static,
+        )  # fmt: skip
         inner.shift(
             bank, p_sleeve, x_sync, oil_out, drive_x, n, forces, books, kinetic, static, play,
             sleeve_out,
@@ -221,10 +227,6 @@ def _steps(
         shifting.book_sleeve(
             sleeve_out, oil_out[hydraulics.OUT_SLEEVE_WORK], tick[ledger.L_SLEEVE :]
         )
-        inner.capacities(
-            p_clutch, x_clutch, oil_out, row_speed(at, by, drive_x, N_PORTS + C1), oil_temperature,
-            hold, road_out, n, clutch_out, kinetic, static,
-        )  # fmt: skip
         warm = books[teeth.FRICTION + C1]
         n_events = driveline.step(
             bank, drive_x, n, forces, kinetic, static, books, trial, t_ns + k * plant.step_ns,

@@ -178,7 +178,8 @@ def shift(
 def capacities(
     clutch_p: Array,
     x_clutch: Array,
-    oil: Array,
+    p_oil: Array,
+    x_oil: Array,
     slip: float,
     oil_temperature: float,
     hold: Array,
@@ -192,7 +193,7 @@ def capacities(
     external = hold[lay.H_CAPACITY]
     if math.isnan(external):
         wet_clutch.capacity_step(
-            clutch_p, x_clutch, oil[hydraulics.OUT_PACK_FORCE], oil[hydraulics.OUT_PISTON],
+            clutch_p, x_clutch, hydraulics.pack_force(p_oil, x_oil), x_oil[hydraulics.X_PISTON],
             0.0 if n[HELD + C1] == 1 else slip, oil_temperature, clutch_out,
         )  # fmt: skip
         kinetic[C1] = clutch_out[wet_clutch.OUT_KINETIC] + clutch_out[wet_clutch.OUT_DRAG]

@@ -117,6 +117,12 @@ def stored_energy(p: NDArray[np.float64], x: NDArray[np.float64]) -> float:
 
 
 @kernel
+def pack_force(p: NDArray[np.float64], x: NDArray[np.float64]) -> float:
+    """Return the force on the clutch pack, N."""
+    return float(p[P_PACK] * max(x[X_PISTON] - p[P_KISS], 0.0))
+
+
+@kernel
 def hydraulics_start(p: NDArray[np.float64], x: NDArray[np.float64], pressure: float) -> None:
     """Set the state to rest: supply at ``pressure`` Pa, all else vented, no current."""
     for i in range(N_STATE):
