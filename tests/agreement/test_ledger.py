@@ -62,9 +62,15 @@ def test_it_closes(played: Played) -> None:
     assert ledger.total("source") > 0.9 * ledger.moved
 
 
+# What the order of sleeve, oil and driveline within a step makes: of either sign, and small.
+LAGS = ("sleeve_chamfers", "sleeve_lag")
+
+
 def test_no_heat_is_negative(played: Played) -> None:
     for term in played.ledger.terms:
-        if term.kind == "sink":
+        if term.name in LAGS:
+            assert abs(term.energy) < 1.0, term.name
+        elif term.kind == "sink":
             assert term.energy >= -1e-9, term.name
 
 
