@@ -153,7 +153,7 @@ def _steps(
     """The inner steps of one tick."""
     bank = plant.bank
     at, by = bank.speed_at, bank.speed_by
-    extras = plant.extras
+    extras, held = plant.extras, bank.held_torque
     step = 1e-9 * plant.step_ns
     drive_x = x[lay.X_DRIVELINE :]
     books = x[lay.X_BOOKS : lay.X_DRIVELINE]
@@ -217,8 +217,8 @@ def _steps(
             oil_temperature, hold, road_out, n, clutch_out, kinetic, static,
         )  # fmt: skip
         inner.shift(
-            bank, p_sleeve, x_sync, oil_out, drive_x, n, forces, books, kinetic, static, play,
-            sleeve_out,
+            held, at, by, p_sleeve, x_sync, oil_out, drive_x, n, forces, books, kinetic, static,
+            play, sleeve_out,
         )  # fmt: skip
         hydraulics.hydraulics_step(
             p_oil, x_oil, current0, current1, current2, pump, x_sync[sleeve.X_POSITION], oil_out
@@ -237,12 +237,12 @@ def _steps(
             p_engine, engine_out, external, inner.turned(books, ENGINE), energy, tick, x
         )
         taken = inner.machine_energy(
-            out1, speed1, step, inner.turned(books, EM1), tick, ledger.L_EM1, ledger.L_EM1_SHAFT,
-            ledger.L_EM1_DC,
+            out1, hold[lay.H_GATES1], speed1, step, inner.turned(books, EM1), tick, ledger.L_EM1,
+            ledger.L_EM1_SHAFT, ledger.L_EM1_DC,
         )  # fmt: skip
         taken += inner.machine_energy(
-            out2, speed2, step, inner.turned(books, EM2), tick, ledger.L_EM2, ledger.L_EM2_SHAFT,
-            ledger.L_EM2_DC,
+            out2, hold[lay.H_GATES2], speed2, step, inner.turned(books, EM2), tick, ledger.L_EM2,
+            ledger.L_EM2_SHAFT, ledger.L_EM2_DC,
         )  # fmt: skip
         inner.book_road(road_out, inner.turned(books, ROAD), tick, x)
         inner.link_and_battery(p_link, x_link, hold, step, taken, link_out, tick, mean)

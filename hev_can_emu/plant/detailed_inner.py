@@ -13,7 +13,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from hev_can_emu.jit import kernel
+from hev_can_emu.jit import inlined_kernel
 from hev_can_emu.plant import (
     combustion,
     dc_link,
@@ -27,8 +27,7 @@ from hev_can_emu.plant import (
 from hev_can_emu.plant import detailed_layout as lay
 from hev_can_emu.plant import electric_drive as drive
 from hev_can_emu.plant import torque_source as source
-from hev_can_emu.plant.bank import Bank
-from hev_can_emu.plant.driveline import friction_torque
+from hev_can_emu.plant.driveline import lock_torque
 from hev_can_emu.plant.holding import HELD
 from hev_can_emu.plant.motion import row_speed
 from hev_can_emu.plant.structure import (
@@ -51,7 +50,7 @@ Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 
 
-@kernel
+@inlined_kernel
 def machine_torque(
     p: Array,
     x: Array,
@@ -76,9 +75,10 @@ def machine_torque(
     return external
 
 
-@kernel
+@inlined_kernel
 def machine_energy(
     out: Array,
+    gates: float,
     speed: float,
     step: float,
     travel: float,
@@ -90,10 +90,14 @@ def machine_energy(
     """Book a drive's step over the angle travelled; return what it took from the DC link, J.
 
     The machine saw a constant speed; what its shaft really turned more or less goes to shaft, losses
-    and DC link alike, so that nothing is made or lost.
+    and DC link (shorted: winding) alike, so that nothing is made or lost.
     """
     further = travel - speed * step
-    taken = out[drive.OUT_DC] + out[pmsm.OUT_AIR_GAP] * further
+    taken = out[drive.OUT_DC]
+    if gates == drive.SHORT:
+        tick[heat] -= out[pmsm.OUT_AIR_GAP] * further
+    else:
+        taken += out[pmsm.OUT_AIR_GAP] * further
     tick[heat] += out[pmsm.OUT_COPPER]
     tick[heat + 1] += out[pmsm.OUT_IRON]
     tick[heat + 1] += (out[pmsm.OUT_AIR_GAP] - out[pmsm.OUT_TORQUE]) * further
@@ -104,7 +108,7 @@ def machine_energy(
     return float(taken)
 
 
-@kernel
+@inlined_kernel
 def engine_torque(
     p: Array, x: Array, hold: Array, external: float, speed: float, angle: float, out: Array
 ) -> float:
@@ -120,7 +124,7 @@ def engine_torque(
     return external
 
 
-@kernel
+@inlined_kernel
 def engine_energy(
     p: Array,
     out: Array,
@@ -145,9 +149,11 @@ def engine_energy(
     x[lay.X_FUEL] += energy[combustion.M_FUEL]
 
 
-@kernel
+@inlined_kernel
 def shift(
-    bank: Bank,
+    held: Array,
+    at: Integers,
+    by: Array,
     p: Array,
     x: Array,
     oil: Array,
@@ -163,10 +169,9 @@ def shift(
     """Move the sleeve under the cylinder's force of the step before; its locks follow."""
     torque1 = torque2 = 0.0
     if n[HELD + G1] == 1:
-        torque1 = friction_torque(bank, drive_x, n, forces, G1)
+        torque1 = lock_torque(held, drive_x, n, forces, G1)
     if n[HELD + G2] == 1:
-        torque2 = friction_torque(bank, drive_x, n, forces, G2)
-    at, by = bank.speed_at, bank.speed_by
+        torque2 = lock_torque(held, drive_x, n, forces, G2)
     shifting.move_sleeve(
         p, x, oil[hydraulics.OUT_SHIFT_FORCE], oil[hydraulics.OUT_SHIFT_STIFFNESS],
         row_speed(at, by, drive_x, N_PORTS + G1), row_speed(at, by, drive_x, N_PORTS + G2),
@@ -174,7 +179,7 @@ def shift(
     )  # fmt: skip
 
 
-@kernel
+@inlined_kernel
 def capacities(
     clutch_p: Array,
     x_clutch: Array,
@@ -211,7 +216,7 @@ def capacities(
         kinetic[BODY] = static[BODY] = rolling + 2.0 * hold[lay.H_REAR]
 
 
-@kernel
+@inlined_kernel
 def link_and_battery(
     p: Array, x: Array, hold: Array, step: float, taken: float, out: Array, tick: Array, mean: Array
 ) -> None:
@@ -235,7 +240,7 @@ def link_and_battery(
     mean[lay.M_CURRENT] += out[dc_link.OUT_CURRENT] * step
 
 
-@kernel
+@inlined_kernel
 def book_oil(out: Array, tick: Array) -> None:
     """Book the hydraulics' step."""
     tick[ledger.L_PUMP] += out[hydraulics.OUT_PUMP_WORK]
@@ -243,7 +248,7 @@ def book_oil(out: Array, tick: Array) -> None:
         tick[ledger.L_OIL + i] += out[hydraulics.OUT_PUMP_LOSS + i]
 
 
-@kernel
+@inlined_kernel
 def book_road(road_out: Array, travel: float, tick: Array, x: Array) -> None:
     """Book air drag and height over the body's travel, rad at the wheel."""
     tick[ledger.L_AIR] -= road_out[road.OUT_AIR_TORQUE] * travel
@@ -251,7 +256,7 @@ def book_road(road_out: Array, travel: float, tick: Array, x: Array) -> None:
     x[lay.X_HEIGHT] -= road_out[road.OUT_GRADE_TORQUE] * travel
 
 
-@kernel
+@inlined_kernel
 def turned(books: Array, port: int) -> float:
     """Return what a port turned in the step just over, rad."""
     return float(books[TRAVEL + port])

@@ -47,7 +47,8 @@ from hev_can_emu.plant.teeth import Extras
 
 __all__ = [
     "HELD", "LOCKED", "MESH", "N_INTEGERS", "PARTED", "RELEASED", "REVERSED", "ROW", "SIGN", "TOUCHED",
-    "body_acceleration", "energy", "friction_torque", "held_torque", "row_speed", "set_row", "step",
+    "body_acceleration", "energy", "friction_torque", "held_torque", "lock_torque", "row_speed",
+    "set_row", "step",
 ]  # fmt: skip
 
 Array = npt.NDArray[np.float64]
@@ -288,11 +289,17 @@ def step(
 
 
 @kernel
+def lock_torque(held: Array, x: Array, state: Integers, u: Array, lock: int) -> float:
+    """As :func:`friction_torque`, for the bank's ``held_torque``."""
+    if state[HELD + lock] == 1:
+        return held_torque(held, x, u, state[ROW], lock)
+    return float(u[N_PORTS + lock])
+
+
+@kernel
 def friction_torque(bank: Bank, x: Array, state: Integers, u: Array, lock: int) -> float:
     """Return the friction torque at a lock now, held or sliding, N m on its first side."""
-    if state[HELD + lock] == 1:
-        return held_torque(bank.held_torque, x, u, state[ROW], lock)
-    return float(u[N_PORTS + lock])
+    return lock_torque(bank.held_torque, x, state, u, lock)
 
 
 @kernel

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from hev_can_emu.jit import kernel
+from hev_can_emu.jit import inlined_kernel, kernel
 from hev_can_emu.plant import (
     battery,
     brakes,
@@ -166,7 +166,7 @@ def state_size(bank: Bank) -> int:
     return int(X_DRIVELINE + bank.inertia.shape[0] + bank.stiffness.shape[1])
 
 
-@kernel
+@inlined_kernel
 def _motor_demand(
     mode: float,
     torque: float,
@@ -209,7 +209,7 @@ def short_circuit_torque(peak: float, at_speed: float, speed: float) -> float:
     return -2.0 * peak * ratio / (1.0 + ratio * ratio)
 
 
-@kernel
+@inlined_kernel
 def plant_step(
     plant: Plant,
     x: Array,
@@ -485,7 +485,7 @@ def _gear_lock(lock: int, cone: float, dog: float, kinetic: Array, static: Array
         static[lock] = np.inf
 
 
-@kernel
+@inlined_kernel
 def observe(plant: Plant, x: Array, n: Integers, forces: Array, y: Array) -> None:
     """Write into ``y`` what follows from the state: speeds, slips, held torques, temperatures."""
     bank = plant.bank

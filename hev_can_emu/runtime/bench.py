@@ -144,6 +144,8 @@ class Bench:
         self.x, self.n, self._truth = self._car.start(start or Start())
         self._command = np.full(len(port.COMMANDS), np.nan)
         self._command[: port.U_GRADE] = 0.0
+        for bound in ("em1_torque_min", "em1_torque_max", "em2_torque_min", "em2_torque_max"):
+            self._command[port.COMMANDS.index(bound)] = np.nan  # none
         self._command[port.U_CONTACTOR] = 1.0 if (start or Start()).closed else 0.0
         transmission = np.zeros(transmission_unit.N_STATE)
         transmission_unit.start_unit(transmission)
