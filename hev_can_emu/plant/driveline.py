@@ -305,14 +305,23 @@ def friction_torque(bank: Bank, x: Array, state: Integers, u: Array, lock: int) 
 @kernel
 def body_acceleration(bank: Bank, x: Array, state: Integers, u: Array) -> float:
     """Return the body's angular acceleration, rad/s^2."""
-    nx = bank.inertia.shape[0] + bank.stiffness.shape[1]
-    row = state[ROW]
-    total = 0.0
-    for j in range(nx):
-        total += bank.body_rate[row, j] * x[j]
-    for j in range(u.shape[0]):
-        total += bank.body_rate[row, nx + j] * u[j]
-    return total
+    rates, row = bank.body_rate, state[ROW]
+    nx = rates.shape[1] - u.shape[0]
+    # Four sums side by side: one alone would wait for each addition.
+    a = b = c = d = 0.0
+    j = 0
+    while j + 3 < nx:
+        a += rates[row, j] * x[j]
+        b += rates[row, j + 1] * x[j + 1]
+        c += rates[row, j + 2] * x[j + 2]
+        d += rates[row, j + 3] * x[j + 3]
+        j += 4
+    while j < nx:
+        a += rates[row, j] * x[j]
+        j += 1
+    for k in range(u.shape[0]):
+        b += rates[row, nx + k] * u[k]
+    return float((a + b) + (c + d))
 
 
 @kernel
