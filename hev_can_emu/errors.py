@@ -5,7 +5,8 @@
     HevError                what this package raises on purpose; the command prints it on one line
     |-- InputError          a file, option or value that cannot be used (exit code 2); also a ValueError
     |-- BusError            a bus that cannot be opened, or was lost
-    `-- StateError          an operation that the object's present state does not allow
+    |-- StateError          an operation that the object's present state does not allow
+    `-- NotMet              what a test bench waited for has not come; also an AssertionError
 
 Misuse of a Python interface raises ``ValueError``; the outside world raises these.  Adapters
 translate third-party exceptions once, ``from exc``.
@@ -46,6 +47,10 @@ class BusError(HevError):
 
 class StateError(HevError):
     """The object is not in a state that allows the operation."""
+
+
+class NotMet(HevError, AssertionError):
+    """A condition has not come within its time, told with what was seen instead."""
 
 
 def did_you_mean(name: str, known: Iterable[str], count: int = 3) -> str:

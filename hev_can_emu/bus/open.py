@@ -17,12 +17,14 @@ import weakref
 from collections.abc import Callable
 from typing import Any
 
+from hev_can_emu.bus.lockstep import LockstepBus
 from hev_can_emu.bus.loopback import LoopbackHub
 from hev_can_emu.bus.port import Bus
 from hev_can_emu.bus.socketcand import CHANNEL, DEFAULT_HOST, DEFAULT_PORT, SocketcandBus
 from hev_can_emu.bus.wire_parts import Timing
 from hev_can_emu.errors import InputError, did_you_mean
 
+MAX_PARTNERS = 64
 DEFAULT_BUS = f"socketcand:{DEFAULT_HOST}:{DEFAULT_PORT}"
 
 BITRATES = (10_000, 1_000_000)  #: bit/s, least and greatest
@@ -75,6 +77,28 @@ def open_bus(spec: str, now_ns: Callable[[], int], *, epoch_ns: int = 0) -> Bus:
         hint = "pip install 'hev-can-emu[multicast]'"
         raise InputError(where, "the package msgpack", "none installed", hint)
     return PythonCanBus(now_ns, interface, channel, options, spec=body)
+
+
+def open_lockstep_bus(
+    spec: str, now_ns: Callable[[], int], partners: int, patience_s: float, *, epoch_ns: int = 0
+) -> LockstepBus:
+    """Return the embedded server in lockstep with ``partners`` clients, yet to be opened.
+
+    Raises InputError if ``spec`` names another bus, or the numbers make no sense.
+    """
+    where = f"--bus {spec}"
+    interface, _, address = spec.partition(":")
+    if interface != "socketcand":
+        hint = "only the embedded server can let time wait"
+        raise InputError(where, "socketcand[:HOST[:PORT]]", f"'{spec}'", hint)
+    if not 1 <= partners <= MAX_PARTNERS:
+        raise InputError("--partners", f"1 to {MAX_PARTNERS}", f"{partners}")
+    if not 0.0 < patience_s <= 1e6:
+        raise InputError("--patience", "a time above 0 s", f"{patience_s:g} s")
+    host, port, _ = _parse_address(address, where)
+    return LockstepBus(
+        now_ns, host, port, epoch_ns=epoch_ns, partners=partners, patience_s=patience_s
+    )
 
 
 def _parse_address(text: str, where: str) -> tuple[str, int, str]:

@@ -277,6 +277,12 @@ class SocketcandBus(Bus):
         if tell:
             self._notices.append(f"{client.name}: {reason.replace('-', ' ')}")
 
+    def keep_pace(
+        self, client: Client, element: protocol.Lockstep | protocol.Done
+    ) -> protocol.Refusal | protocol.ProtocolError | None:
+        """Refuse: this server's time waits for nobody."""
+        return protocol.Refusal("lockstep-refused:this-server-keeps-wall-time")
+
 
 def _is_loopback(host: str) -> bool:
     if host == "localhost":

@@ -43,6 +43,11 @@ class Hub(Protocol):
     def refuse(self, client: Client, reason: str, *, tell: bool) -> None:
         """Count, and tell, a frame or command that cannot be served."""
 
+    def keep_pace(
+        self, client: Client, element: protocol.Lockstep | protocol.Done
+    ) -> protocol.Refusal | protocol.ProtocolError | None:
+        """Let time wait for ``client``, or go on as it allows; returns what is wrong with that."""
+
 
 class Client(asyncio.Protocol):
     """One connection: handshake, hold, then frames both ways."""
@@ -81,14 +86,19 @@ class Client(asyncio.Protocol):
             if isinstance(element, protocol.Send) and self._raw:
                 frames.append(element)
             else:
+                self._relay(frames)
+                frames = []
                 error = self._obey(element) or error
-        if frames:
-            self._release()
-            self._hub.relay(self, frames)
+        self._relay(frames)
         if error is not None:
             self._hub.expel(self, str(error))
             self._transport.write(f"< error {error} >".encode("ascii", "replace"))
             self._transport.close()
+
+    def _relay(self, frames: list[protocol.Send]) -> None:
+        if frames:
+            self._release()
+            self._hub.relay(self, frames)
 
     def connection_lost(self, error: Exception | None) -> None:
         """Leave; called by the loop."""
@@ -120,6 +130,12 @@ class Client(asyncio.Protocol):
 
     def _obey(self, element: protocol.Element) -> protocol.ProtocolError | None:
         """Carry out one command; returns what is wrong with it at this point."""
+        if isinstance(element, protocol.Lockstep | protocol.Done) and self._raw:
+            self._release()
+            answer = self._hub.keep_pace(self, element)
+            if not isinstance(answer, protocol.Refusal):
+                return answer
+            element = answer
         if isinstance(element, protocol.Refusal):
             first = element.reason not in self._told
             self._told.add(element.reason)

@@ -14,6 +14,13 @@ Text elements between ``<`` and ``>`` over TCP, as the daemon of the linux-can p
 
 Identifiers of three digits are standard, of eight extended.  A frame without data has two blanks
 before ``>``: clients split at single blanks.
+
+A server that keeps lockstep knows two more, of its own (docs/lockstep.md)::
+
+                                < lockstep NAME >
+    < now 0 >
+                                < done 10000000 >
+    < now 10000000 >
 """
 
 from __future__ import annotations
@@ -74,6 +81,18 @@ class Send(NamedTuple):
     data: bytes
 
 
+class Lockstep(NamedTuple):
+    """``< lockstep NAME >``: time is to wait for this client."""
+
+    name: str
+
+
+class Done(NamedTuple):
+    """``< done T >``: all that this client sends before ``T`` ns is sent."""
+
+    until_ns: int
+
+
 class Refusal(NamedTuple):
     """A well-formed element that this server cannot serve; ``reason`` has no blanks.
 
@@ -84,10 +103,11 @@ class Refusal(NamedTuple):
     reason: str
 
 
-Element = Open | RawMode | Echo | Send | Refusal
+Element = Open | RawMode | Echo | Send | Lockstep | Done | Refusal
 
 _FD_REFUSED = Refusal("64-byte-frames-refused:socketcand-carries-classic-CAN-of-8-bytes-only")
 _REMOTE_REFUSED = Refusal("remote-frames-refused:socketcand-cannot-carry-them")
+_NAME_BYTES = 32
 _OTHER_MODES = frozenset(
     b"bcmmode isotpmode controlmode statistics add update delete filter subscribe unsubscribe "
     b"sendpdu isotpconf".split()
@@ -138,6 +158,12 @@ def parse_element(text: bytes) -> Element:
         return RawMode()
     if command == b"echo" and len(words) == 1:
         return Echo()
+    if command == b"done" and len(words) == 2:
+        if not (words[1].isdigit() and len(words[1]) < 19):
+            raise ProtocolError(f"expected a time in ns after done, got {_shown(text)}")
+        return Done(int(words[1]))
+    if command == b"lockstep" and len(words) == 2 and len(words[1]) <= _NAME_BYTES:
+        return Lockstep(words[1].decode("ascii", "replace"))
     if command in _OTHER_MODES:
         return Refusal(f"{command.decode()}-refused:this-server-speaks-rawmode-only")
     raise ProtocolError(f"expected open, rawmode, send or echo, got {_shown(text)}")
@@ -214,16 +240,28 @@ def sort_out(raw: bytes) -> tuple[bytes, int]:
     return b"".join(fit), refused
 
 
-def format_frames(raw: bytes, stamp: str) -> tuple[bytes, int]:
+def format_frames(raw: bytes, stamp: str = "", epoch_ns: int = 0) -> tuple[bytes, int]:
     """Return the text of consecutive ``RECORD`` frames, and how many of them it could not carry.
 
     CAN FD and remote frames have no form in this protocol.
+
+    Args:
+        raw: the frames.
+        stamp: the time that all of them carry; empty for each frame's own.
+        epoch_ns: added to their own times.
     """
     parts = []
     refused = 0
-    for _, can_id, flags, length, _, data in RECORD.iter_unpack(raw):
+    for t_ns, can_id, flags, length, _, data in RECORD.iter_unpack(raw):
         if flags & _CANNOT_CARRY or length > 8:
             refused += 1
         else:
-            parts.append(format_frame(can_id, flags, data[:length], stamp))
+            told = stamp or format_stamp(epoch_ns + t_ns)
+            parts.append(format_frame(can_id, flags, data[:length], told))
     return "".join(parts).encode(), refused
+
+
+def format_now(t_ns: int) -> bytes:
+    """Return ``< now T >``, as long as a frame's element."""
+    digits = FRAME_BYTES - len("< now  >")
+    return f"< now {t_ns:0{digits}d} >".encode()

@@ -8,14 +8,19 @@ import time
 from typing import TYPE_CHECKING
 
 from hev_can_emu.commands._live import LiveLine
+from hev_can_emu.commands._lockstep import add_lockstep_arguments, open_bus_for, run_lockstep
 from hev_can_emu.commands._mqtt import MqttSide, add_mqtt_arguments, mqtt_address
 from hev_can_emu.commands._options import add_setup_arguments, make_setup, seconds
+from hev_can_emu.errors import InputError
 
 if TYPE_CHECKING:
     from hev_can_emu.bus.port import Bus
     from hev_can_emu.runtime.emulator import Emulator, Event
     from hev_can_emu.runtime.service import Service
+    from hev_can_emu.runtime.setup import Setup
     from hev_can_emu.runtime.statistics import Statistics
+
+CLOCKS = ("wall", "lockstep")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,7 +41,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         help="record frames (.log, .blf, .asc, .mf4) or decoded signals (.csv, .parquet)",
     )
+    parser.add_argument(
+        "--clock",
+        metavar="CLOCK",
+        default="wall",
+        help="wall, or lockstep: virtual time that waits for controllers in other processes (default: wall)",
+    )
     add_setup_arguments(parser)
+    add_lockstep_arguments(parser)
     add_mqtt_arguments(parser, scenarios=True)
 
 
@@ -44,6 +56,10 @@ def execute(arguments: argparse.Namespace) -> int:
     """Run until told to stop; returns the exit code."""
     setup = make_setup(arguments)
     setup.check()
+    if arguments.clock not in CLOCKS:
+        raise InputError("--clock", f"one of {', '.join(CLOCKS)}", f"'{arguments.clock}'")
+    if arguments.clock == "lockstep":
+        return _in_lockstep(arguments, setup)
     mqtt_address(arguments)  # told at once if it cannot be one
     # After the options: what follows takes a second to import.
     import asyncio
@@ -96,6 +112,41 @@ def execute(arguments: argparse.Namespace) -> int:
         mqtt.stop()
     print_statistics(service)
     mqtt.print_counters()
+    return 0
+
+
+def _in_lockstep(arguments: argparse.Namespace, setup: Setup) -> int:
+    """Run in step with controllers in other processes, for a given time or until one leaves."""
+    from hev_can_emu.commands._compiling import ready_emulator
+    from hev_can_emu.runtime.recording import Recording
+    from hev_can_emu.telemetry.recorder import check_path
+
+    if arguments.duration is None:
+        raise InputError(
+            "--duration", "a time, with --clock lockstep", "none", "e.g. --duration 60"
+        )
+    for path in arguments.record:
+        check_path(path)
+    emulator = ready_emulator(setup)
+    bus = open_bus_for(arguments, arguments.bus, emulator)
+    end_ns = round(arguments.duration * 1e9)
+    recording = Recording(emulator, arguments.record)
+    started = time.monotonic()
+    try:
+        trace = run_lockstep(
+            emulator,
+            emulator,
+            bus,
+            recording.sinks,
+            finished=lambda: emulator.now_ns >= end_ns,
+            longest_ns=recording.longest_ns,
+            end_ns=end_ns,
+            tell=lambda notice: print(f"{emulator.now_ns * 1e-9:8.3f} s  {notice}"),
+        )
+    finally:
+        recording.close()
+    print(f"{emulator.now_ns * 1e-9:.3f} s of car time in {time.monotonic() - started:.2f} s")
+    print(f"trace {trace}")
     return 0
 
 

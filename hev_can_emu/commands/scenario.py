@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from hev_can_emu.commands._lockstep import add_lockstep_arguments, open_bus_for, run_lockstep
 from hev_can_emu.commands._mqtt import MqttSide, add_mqtt_arguments, mqtt_address
 from hev_can_emu.commands._options import add_setup_arguments, make_setup, seconds
 from hev_can_emu.errors import BusError, InputError
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from hev_can_emu.runtime.statistics import Statistics
     from hev_can_emu.runtime.virtual import FrameSink
 
-CLOCKS = ("virtual", "wall")
+CLOCKS = ("virtual", "wall", "lockstep")
 LOOK_NS = 50_000_000  #: with MQTT in virtual time, the car is looked at so often
 PATIENCE_S = 2.0  #: for a broker at the end of a scenario
 
@@ -41,9 +42,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     run.add_argument(
         "--clock",
         metavar="CLOCK",
-        help="virtual (as fast as possible, repeatable) or wall (default: wall if a bus is named)",
+        help="virtual (as fast as possible, repeatable), wall, or lockstep (virtual, waits for controllers "
+        "in other processes); default: wall if a bus is named",
     )
-    run.add_argument("--bus", metavar="BUS", help="bus for the wall clock (default: socketcand)")
+    run.add_argument(
+        "--bus", metavar="BUS", help="bus for wall clock and lockstep (default: socketcand)"
+    )
     run.add_argument(
         "--seed", type=int, metavar="N", help="of everything random (default: the scenario's, or 0)"
     )
@@ -74,6 +78,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="with --out: a recording of so many seconds before and after each failure",
     )
     add_setup_arguments(run)
+    add_lockstep_arguments(run)
     add_mqtt_arguments(run)
     schema = actions.add_parser(
         "schema", help="print the JSON Schema of scenario files, for editors and checks"
@@ -91,7 +96,7 @@ def execute(arguments: argparse.Namespace) -> int:
         return _print_schema(arguments.dbc)
     clock = arguments.clock
     if clock is not None and clock not in CLOCKS:
-        raise InputError("--clock", "one of virtual, wall", f"'{clock}'")
+        raise InputError("--clock", f"one of {', '.join(CLOCKS)}", f"'{clock}'")
     if clock == "virtual" and arguments.bus is not None and _timing(arguments.bus) is None:
         hint = "use --clock wall, or the in-memory bus with bit times: loopback?bitrate=500000"
         raise InputError("--bus", "no bus with --clock virtual", f"'{arguments.bus}'", hint)
@@ -108,7 +113,7 @@ def execute(arguments: argparse.Namespace) -> int:
     for ending in arguments.record:
         check_ending(ending)
     paths = [shipped_or_path(name, folder("scenarios"), "scenario run") for name in arguments.files]
-    if arguments.bus is not None:
+    if arguments.bus is not None and clock != "lockstep":
         from hev_can_emu.bus.open import open_bus
 
         open_bus(arguments.bus, time.monotonic_ns)  # a name that cannot be a bus is told at once
@@ -118,13 +123,16 @@ def execute(arguments: argparse.Namespace) -> int:
     if arguments.ledger:
         for _, _, playing in prepared:
             playing.emulator.ledger()
+    if clock == "lockstep":
+        for _, _, playing in prepared:
+            open_bus_for(arguments, arguments.bus or playing.scenario.bus, playing.emulator)
     codes: list[int] = []
     used: set[str] = set()
     reports: list[tuple[RunReport, str]] = []
     for path, label, playing in prepared:
         bus = arguments.bus or playing.scenario.bus
-        wall = clock == "wall" or (clock is None and bus is not None)
-        if arguments.mqtt_commands and not wall:
+        wall = clock in ("wall", "lockstep") or (clock is None and bus is not None)
+        if arguments.mqtt_commands and (not wall or clock == "lockstep"):
             raise InputError("--mqtt-commands", "--clock wall", "virtual time")
         stem = _stem(f"{path.stem} {label}".strip(), used)
         timing = None if bus is None or wall else _timing(bus)
@@ -265,7 +273,8 @@ def _run(
 
     emulator = playing.emulator
     # Virtual time has no date: its recordings start at zero, and repeat to the byte.
-    epoch_ns = 0 if bus is None else time.time_ns()
+    lockstep = arguments.clock == "lockstep"
+    epoch_ns = 0 if bus is None or lockstep else time.time_ns()
     endings: list[str] = arguments.record or [".blf", ".log"] if out is not None else []
     files = [f"{stem}{ending}" for ending in endings]
     log = RunLog(playing) if out is not None and not arguments.no_report else None
@@ -279,13 +288,16 @@ def _run(
     trace = ""
     statistics: Statistics | None = None
     try:
+        looks = [each.longest_ns for each in (recording, log) if each is not None]
+        looks += [LOOK_NS] if mqtt.on else []
+        longest_ns = min(filter(None, looks), default=None)
         if timing is not None:
             trace, medium = play_on_wire(playing, sinks, timing)
             print(medium.describe())
         elif bus is None:
-            longest = [each.longest_ns for each in (recording, log) if each is not None]
-            longest += [LOOK_NS] if mqtt.on else []
-            trace = play_virtual(playing, sinks, min(filter(None, longest), default=None))
+            trace = play_virtual(playing, sinks, longest_ns)
+        elif lockstep:
+            trace = _in_lockstep(playing, bus, sinks, longest_ns, arguments)
         else:
             statistics = _in_wall_time(playing, bus, epoch_ns, sinks, mqtt)
         run = playing.result(trace)
@@ -313,9 +325,9 @@ def _run(
         run,
         log,
         wall_s=wall_s,
-        clock="virtual" if bus is None else f"wall ({bus})",
+        clock="virtual" if bus is None else f"{'lockstep' if lockstep else 'wall'} ({bus})",
         command=command_of(arguments, run, tuple(playing.scenario.matrix)),
-        started="" if bus is None else _date(epoch_ns),
+        started=_date(epoch_ns) if epoch_ns else "",
         statistics=statistics,
         files=files,
         ledger=None if result.ledger is None else ledger_content(result.ledger),
@@ -335,6 +347,31 @@ def _date(epoch_ns: int) -> str:
 
 def _say(event: Event) -> None:
     print(f"{event.kind}: {event.text}", file=sys.stderr)
+
+
+def _in_lockstep(
+    playing: Playing,
+    bus: str,
+    sinks: list[FrameSink],
+    longest_ns: int | None,
+    arguments: argparse.Namespace,
+) -> str:
+    """Play the scenario with controllers in other processes; return the trace hash."""
+    emulator = playing.emulator
+    try:
+        return run_lockstep(
+            playing,
+            emulator,
+            open_bus_for(arguments, bus, emulator),
+            sinks,
+            finished=lambda: playing.finished,
+            longest_ns=longest_ns,
+            tell=lambda notice: print(f"{emulator.now_ns * 1e-9:8.3f} s  {notice}"),
+        )
+    except BusError as error:
+        # Not the car's doing: what is undecided stays so.
+        playing.player.finish(emulator.now_ns, f"bus lost ({error})")
+        return ""
 
 
 def _in_wall_time(

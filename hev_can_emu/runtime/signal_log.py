@@ -43,6 +43,13 @@ class SignalLog:
             self._sorted.clear()
             self.count += count
 
+    def forget_from(self, t_ns: int) -> None:
+        """Drop what came at an instant or later."""
+        frames = self._whole()
+        self._parts = [frames[frames["t_ns"] < t_ns]]
+        self._sorted.clear()
+        self.count = len(self._parts[0])
+
     def instants_ns(self, message: MessageDef) -> npt.NDArray[np.int64]:
         """Return when a message was on the bus."""
         t_ns: npt.NDArray[np.int64] = self._of(message)["t_ns"]

@@ -35,6 +35,12 @@ class TraceHash:
         """Return the hash so far."""
         return self._digest.hexdigest()
 
+    def copy(self) -> TraceHash:
+        """Return another one that goes on from here."""
+        other = TraceHash()
+        other._digest = self._digest.copy()
+        return other
+
 
 def play_on_wire(
     playing: Playing, sinks: Sequence[FrameSink], timing: Timing
