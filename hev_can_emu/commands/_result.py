@@ -15,26 +15,26 @@ if TYPE_CHECKING:
     from hev_can_emu.runtime.signal_log import SignalLog
     from hev_can_emu.scenario.verdict import Outcome, Verdict
 
-# Series of the picture and the signals they are made of.
+# Series of the picture, the status ports they show, and in which unit.
 _CURVES = {
-    "engine_speed_rpm": "EngineSpeed",
-    "em1_speed_rpm": "EM1Speed",
-    "em2_speed_rpm": "EM2Speed",
-    "vehicle_speed_kmh": "VehicleSpeed",
-    "engine_torque_nm": "EngineTorque",
-    "em1_torque_nm": "EM1Torque",
-    "em2_torque_nm": "EM2Torque",
-    "clutch_torque_nm": "ClutchTorqueTransmitted",
+    "engine_speed_rpm": ("engine_speed", "rpm"),
+    "em1_speed_rpm": ("em1_speed", "rpm"),
+    "em2_speed_rpm": ("em2_speed", "rpm"),
+    "vehicle_speed_kmh": ("vehicle_speed", "km/h"),
+    "engine_torque_nm": ("engine_torque", "Nm"),
+    "em1_torque_nm": ("em1_torque", "Nm"),
+    "em2_torque_nm": ("em2_torque", "Nm"),
+    "clutch_torque_nm": ("clutch_torque", "Nm"),
 }
-_RIBBONS = (("mode", "DrivingMode"), ("gear", "Gear"), ("C1", "ClutchState"))
-_READABLE = {
-    "Series": "series",
-    "ParallelG1": "parallel_g1",
-    "ParallelG2": "parallel_g2",
-    "ElectricNeutral": "electric_neutral",
-    "ElectricG1": "electric_g1",
-    "ElectricG2": "electric_g2",
-}
+_MODES = (
+    "transition", "series", "parallel_g1", "parallel_g2",
+    "electric_neutral", "electric_g1", "electric_g2",
+)  # fmt: skip
+_RIBBONS = (
+    ("mode", "driving_mode", _MODES),
+    ("gear", "gear", ("neutral", "g1", "g2", "between")),
+    ("C1", "clutch_state", ("open", "slipping", "locked")),
+)
 _KINDS = (
     ("source", "came in"),
     ("sink", "went out"),
@@ -128,15 +128,18 @@ def draw(path: Path, log: SignalLog, playing: Playing, verdicts: list[Verdict]) 
     """Draw speeds, torques and modes of a run; raises InputError without matplotlib."""
     from hev_can_emu.report.plot import plot_run
     from hev_can_emu.report.ribbons import Ribbon, StepMarker, segments_of
+    from hev_can_emu.runtime.status_signals import status_on_grid
 
     emulator = playing.emulator
     t_s = np.arange(0.0, emulator.now_ns * 1e-9, 0.01)
-    series = {key: log.on_grid(name, t_s) for key, name in _CURVES.items()}
+    series = {
+        key: status_on_grid(emulator, log, port, t_s, unit_name)
+        for key, (port, unit_name) in _CURVES.items()
+    }
     ribbons = []
-    for title, name in _RIBBONS:
-        labels = emulator.database.signal(name).labels
-        names = {raw: _READABLE.get(label, label.lower()) for raw, label in labels.items()}
-        ribbons.append(Ribbon(title, segments_of(t_s, log.on_grid(name, t_s), names)))
+    for title, port, words in _RIBBONS:
+        codes = status_on_grid(emulator, log, port, t_s, "1")
+        ribbons.append(Ribbon(title, segments_of(t_s, codes, dict(enumerate(words)))))
     steps = [
         StepMarker(verdict.instant_ns * 1e-9, verdict.name)
         for verdict in verdicts

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,6 +20,7 @@ _MS = 1_000_000
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
+    actions.add_parser("ports", help="list what bindings can tie signals to")
     check = actions.add_parser(
         "check", help="list what is wrong or missing, and what would be sent"
     )
@@ -33,6 +34,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(arguments: argparse.Namespace) -> int:
     """List everything; raises InputError where the network cannot be used."""
+    if arguments.action == "ports":
+        return _list_ports()
     from hev_can_emu import config
     from hev_can_emu.ecu.bindings_file import Bindings
     from hev_can_emu.ecu.network import complete
@@ -60,21 +63,43 @@ def execute(arguments: argparse.Namespace) -> int:
         hint = "mend them, or name them under 'leave_out' in the bindings"
         raise InputError(str(path), "a network without defects", count, hint)
     if bindings is None or document is None:
-        _without_cycle_time(database)
+        _without_cycle_time(database, ())
         print("\nsent by the DBC's own words (no bindings file: nothing would be sent)")
         _table([_schedule(message) for message in database.messages])
         return 0
     database = complete(bindings, database, document.where)
-    _without_cycle_time(database)
+    told = [
+        name
+        for name, binding in bindings.messages.items()
+        if binding.supervision is not None and binding.supervision.period
+    ]
+    _without_cycle_time(database, told)
     _print_trial(path, beside)
     return 0
 
 
-def _without_cycle_time(database: Database) -> None:
+def _list_ports() -> int:
+    from hev_can_emu.ecu.ports import REQUESTS, STATUSES
+
+    for title, known in (
+        ("request: and external: (what a unit receives)", REQUESTS),
+        ("status: (what a unit sends)", STATUSES),
+    ):
+        print(f"{title}")
+        _table([(port.name, "" if port.unit == "1" else port.unit, port.meaning) for port in known])
+        print()
+    return 0
+
+
+def _without_cycle_time(database: Database, told: Collection[str]) -> None:
+    """List messages that nothing tells when to send, but those whose period the bindings tell."""
     from hev_can_emu.messages.inspection import without_cycle_time
 
-    silent = without_cycle_time(database)
-    _section("without cycle time, and with no event that sends them", (m.name for m in silent))
+    silent = [message.name for message in without_cycle_time(database)]
+    _section(
+        "without cycle time, and with no event that sends them",
+        (name for name in silent if name not in told),
+    )
 
 
 def _section(title: str, lines: Iterable[str]) -> None:

@@ -232,5 +232,8 @@ def print_statistics(service: Service) -> None:
         f"{scalars[tick.REFUSED]} refused, {scalars[tick.UNKNOWN]} unknown, "
         f"{scalars[tick.CONFLICTS]} from a second sender"
     )
+    clipped = service.emulator.saturations
+    if clipped:
+        print(f"values beyond their signal's range, sent as its end: {clipped}")
     if service.bus.medium is not None:
         print(service.bus.medium.describe())

@@ -233,7 +233,16 @@ class _Resolver:
         if not math.isfinite(tie.factor) or tie.factor == 0.0:
             raise InputError(where, "a finite factor other than 0", f"{tie.factor:g}")
         text = signal.unit if tie.unit is None else tie.unit
-        measured, port = unit(text, where), known[index]
+        port = known[index]
+        try:
+            measured = unit(text, where)
+        except InputError as error:
+            name = "1" if port.unit == "1" else port.unit
+            hint = (
+                error.hint
+                or f"say what it is in with 'unit', such as {{port: {tie.port}, unit: {name}}}"
+            )
+            raise InputError(where, error.expected, error.got, hint) from error
         if measured.dimension != unit(port.unit).dimension:
             expected = (
                 f"a unit that converts to {port.unit}" if port.unit != "1" else "a pure number"

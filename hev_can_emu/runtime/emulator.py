@@ -37,7 +37,13 @@ from hev_can_emu.messages.database import Database
 from hev_can_emu.messages.definitions import SignalDef
 from hev_can_emu.messages.frame import FRAME, make_frames
 from hev_can_emu.messages.protection import build_protection
-from hev_can_emu.messages.restbus import build_restbus, reset_restbus, restbus_state_size
+from hev_can_emu.messages.restbus import (
+    T_COLUMNS,
+    T_SATURATED,
+    build_restbus,
+    reset_restbus,
+    restbus_state_size,
+)
 from hev_can_emu.messages.transfer import receive_state_size, reset_receive
 from hev_can_emu.plant import driveline, powertrain
 from hev_can_emu.plant.events import EVENT
@@ -345,6 +351,11 @@ class Emulator:
     def send_message(self, message: int, enabled: bool) -> None:
         """Stop or resume the sending of one message."""
         self.state.muted[message] = 0 if enabled else 1
+
+    @property
+    def saturations(self) -> int:
+        """How many values sent so far lay beyond their signal's range, and went out as its end."""
+        return int(self.state.transmit.reshape(-1, T_COLUMNS)[:, T_SATURATED].sum())
 
     def signal(self, name: str) -> float:
         """Return a signal as last seen on the bus; raises InputError for an unknown name."""

@@ -23,13 +23,14 @@ from hev_can_emu.runtime.playing import Playing, RunResult
 from hev_can_emu.runtime.recording import TRUTH_NS
 from hev_can_emu.runtime.signal_log import SignalLog
 from hev_can_emu.runtime.statistics import Statistics
+from hev_can_emu.runtime.status_signals import status_in, status_signal
 
-# What the overview shows where the network has it.
-_RIBBONS = ("DrivingMode", "Gear", "ClutchState", "EngineState", "ContactorState")
+# What the overview shows of the status ports, where the network carries them.
+_RIBBONS = ("driving_mode", "gear", "clutch_state", "engine_state", "contactor_state")
 _PANELS = (
-    ("vehicle", ("VehicleSpeed",)),
-    ("speeds", ("EngineSpeed", "EM1Speed", "EM2Speed")),
-    ("torques", ("EngineTorque", "EM1Torque", "EM2Torque", "ClutchTorqueTransmitted")),
+    ("vehicle", "km/h", ("vehicle_speed",)),
+    ("speeds", "rpm", ("engine_speed", "em1_speed", "em2_speed")),
+    ("torques", "Nm", ("engine_torque", "em1_torque", "em2_torque", "clutch_torque")),
 )
 _PACKAGES = ("hev-can-emu", "numpy", "numba", "cantools", "python-can")
 _TRUTH = "truth."
@@ -140,10 +141,12 @@ def make_report(
         curves=curves,
         ribbons=[
             ribbon_of(curve, car_s)
-            for name in _RIBBONS
-            if (curve := log.curve(name)) is not None and len(curve.t_s)
+            for port in _RIBBONS
+            if (signal := status_signal(emulator, port)) is not None
+            and (curve := log.curve(signal.qualified_name)) is not None
+            and len(curve.t_s)
         ],
-        panels=_panels(log),
+        panels=_panels(emulator, log),
         versions=_versions(),
         command=command,
         files=files,
@@ -159,12 +162,18 @@ def _labels(signal: SignalDef) -> dict[float, str]:
     }
 
 
-def _panels(log: RunLog) -> list[Panel]:
+def _panels(emulator: Emulator, log: RunLog) -> list[Panel]:
     panels = []
-    for title, names in _PANELS:
-        found = [each for name in names if (each := log.curve(name)) is not None and len(each.t_s)]
+    for title, unit_name, ports in _PANELS:
+        found = []
+        for port in ports:
+            signal = status_signal(emulator, port)
+            curve = None if signal is None else log.curve(signal.qualified_name)
+            if curve is not None and len(curve.t_s):
+                values = status_in(emulator, port, curve.values, unit_name)
+                found.append(curve._replace(unit=unit_name, values=values))
         if found:
-            panels.append(Panel(title, found[0].unit, found))
+            panels.append(Panel(title, unit_name, found))
     return panels
 
 

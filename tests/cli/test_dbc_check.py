@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from hev_can_emu.cli import main
+from hev_can_emu.ecu import ports
 
 ROOT = Path(__file__).parents[2]
 
@@ -146,6 +147,32 @@ def test_the_shipped_network_has_nothing_to_complain_of(
     head, _, rest = out.partition("\n\n")
     assert head.endswith("hev.dbc: 31 messages, 174 signals, 9 nodes")
     assert rest.startswith("sent in the first second, ignition on: 14")
+
+
+def test_ports_are_listed_with_unit_and_meaning(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["dbc", "ports"]) == 0
+    lines = [
+        line.split(maxsplit=2) for line in capsys.readouterr().out.splitlines() if line[:2] == "  "
+    ]
+    assert len(lines) == len(ports.REQUESTS) + len(ports.STATUSES)
+    told = {line[0]: line[1:] for line in lines}
+    assert told["em2_torque_request"][0] == "N"
+    assert "forward" in told["em2_torque_request"][1]
+    assert told["gear"] == ["0", "neutral, 1 G1, 2 G2, 3 between"]
+
+
+def test_a_unit_nobody_knows_gets_a_hint(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, beside = tmp_path / "odd.dbc", tmp_path / "mine.yaml"
+    path.write_text(ODD.replace('"rpm"', '"Umdr"'))
+    beside.write_text(BINDINGS)
+    code, _, err = check(capsys, str(path), "--bindings", str(beside))
+    assert code == 2
+    assert err.endswith(
+        "$.messages.State.status.Speed: expected a unit, got 'Umdr'; say what it is in with 'unit', such as "
+        "{port: em2_speed, unit: rad/s}\n"
+    )
 
 
 def test_mistakes_in_the_bindings_are_one_line(

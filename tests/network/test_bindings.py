@@ -303,7 +303,7 @@ def test_a_foreign_network(foreign: Database) -> None:
         ("Temp: ambient_temperature", "Temp: accelerator", "their.yaml:12: $.messages.Cmd.request.Temp: "
          "expected a pure number, got 'degC' of Cmd.Temp; accelerator is accelerator pedal, 0 to 1"),
         ("Speed: em2_speed", "Odd: em2_speed", "their.yaml:18: $.messages.State.status.Odd: expected a unit, "
-         "got 'furlong'"),
+         "got 'furlong'; say what it is in with 'unit', such as {port: em2_speed, unit: rad/s}"),
         ("unit: V", "unit: vlt", "their.yaml:24: $.messages.Stray.external.Volt: expected a unit, "
          "got 'vlt'; did you mean 'V'?"),
         ("request, values: {Leerlauf: 0, Erster: 1", "request, values: {Leerlauf: 0, Erste: 1",

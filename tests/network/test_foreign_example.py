@@ -7,6 +7,7 @@ the protection, frames in and out of the emulator.
 from __future__ import annotations
 
 import itertools
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -187,6 +188,20 @@ def check_what_was_sent(car: Controller) -> None:
     for n, data in enumerate(car.raw["IST_Hochvolt"]):
         assert data[0] >> 4 == n % 16, "a counter without CRC"
     assert {data[6] >> 4 for data in car.raw["IST_Fahrwerk"]} == {3}
+
+
+def test_values_beyond_their_range_go_out_as_its_end_and_are_counted(tmp_path: Path) -> None:
+    narrow = DBC.read_text(encoding="utf-8").replace('[0|1600] "V"', '[0|300] "V"')
+    (tmp_path / "alpin.dbc").write_text(narrow, encoding="utf-8")
+    shutil.copy(BINDINGS, tmp_path)
+    emulator = Emulator(Setup(model="4dof", dbc=str(tmp_path / "alpin.dbc")))  # bindings beside it
+    sent = emulator.advance(100 * MS)
+    assert emulator.signal("Spannung") == 300.0
+    assert emulator.saturations == np.count_nonzero(sent["id"] == 0x18DB2005) == 10
+    car = Controller()
+    car.run(100)
+    assert car.seen["Spannung"] > 340.0
+    assert car.emulator.saturations == 0
 
 
 @pytest.mark.parametrize("name", ["SOLL_Antrieb", "SOLL_Getriebe", "SOLL_Hochvolt", "SOLL_Bremse"])
