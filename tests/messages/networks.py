@@ -72,7 +72,8 @@ TEXTS = {
     "flags and codes": _network(
         "BO_ 256 C: 3 A\n"
         + "".join(f' SG_ Flag{n} : {n}|1@1+ (1,0) [0|1] "" B\n' for n in range(8))
-        + ' SG_ Mode : 8|4@1+ (1,0) [0|14] "" B\n SG_ Gear : 15|4@0- (1,0) [-7|7] "" B\n',
+        + ' SG_ Mode : 8|4@1+ (1,0) [0|14] "" B\n SG_ Gear : 15|4@0- (1,0) [-7|7] "" B\n'
+        + "BO_ 257 Empty: 3 A\nBO_ 258 Nothing: 0 A\n",
         'VAL_ 256 Mode 0 "Off" 1 "On" 15 "NotAvailable" ;\nVAL_ 256 Gear -8 "SNA" 0 "N" -1 "R" ;\n',
     ),
     "as in trucks": _network(

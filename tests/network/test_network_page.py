@@ -156,3 +156,22 @@ def test_the_worked_example_runs(
     monkeypatch.chdir(ROOT)
     assert main(shlex.split(command)) == 0
     assert "PASS" in (told := capsys.readouterr().out) or "received from the controller (4)" in told
+
+
+def test_a_foreign_network_is_shown_as_ours_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Picture and report look for ports, not for names: codes and units are theirs no more."""
+    monkeypatch.chdir(ROOT)
+    examples = "dbc/examples/alpin"
+    words = ["scenario", "run", f"{examples}.series_parallel.yaml", "--dbc", f"{examples}.dbc"]
+    assert main([*words, "--out", str(tmp_path)]) == 0
+    capsys.readouterr()
+    page = (tmp_path / "alpin.series_parallel.html").read_text()
+    for name in (
+        "VKM_Drehzahl",
+        "Geschwindigkeit",
+        "Betriebsart",
+    ):
+        assert name in page
+    assert (tmp_path / "alpin.series_parallel.png").stat().st_size > 50_000
