@@ -75,7 +75,7 @@ def print_result(result: Result) -> None:
 
     rows = [
         VerdictRow(
-            f"{verdict.kind}: {verdict.name}" if verdict.kind == "step" else verdict.name,
+            verdict.name if verdict.kind == "expectation" else f"{verdict.kind}: {verdict.name}",
             verdict.outcome.value,
             None if verdict.instant_ns is None else verdict.instant_ns * 1e-9,
             verdict.expected,
@@ -83,7 +83,7 @@ def print_result(result: Result) -> None:
             margin_text(verdict.margin, verdict.margin_unit),
         )
         for verdict in result.verdicts
-        if verdict.kind != "step" or verdict.outcome.value != "pass"
+        if verdict.kind == "expectation" or verdict.outcome.value != "pass"
     ]
     passed = sum(v.kind == "step" and v.outcome.value == "pass" for v in result.verdicts)
     print_verdicts(rows, result.name)
