@@ -15,7 +15,7 @@ from hev_can_emu.plant.detailed import observe, stored_energies
 from hev_can_emu.plant.detailed_layout import DetailedPlant
 from hev_can_emu.plant.detailed_parameters import DetailedParameters, Effects
 from hev_can_emu.plant.geared import geared
-from hev_can_emu.plant.holding import N_INTEGERS, SIGN
+from hev_can_emu.plant.holding import N_INTEGERS, ROW, SIGN, row_of
 from hev_can_emu.plant.ledger import Ledger, make_ledger
 from hev_can_emu.plant.machines import Machines
 from hev_can_emu.plant.start import Start
@@ -93,6 +93,7 @@ def start_detailed(plant: DetailedPlant, start: Start) -> tuple[Array, Integers,
     x = np.zeros(lay.state_size(plant.bank))
     n = np.zeros(N_INTEGERS, dtype=np.int64)
     n[SIGN : SIGN + N_LOCKS] = 1
+    n[ROW] = row_of(n, plant.extras)  # teeth of meshes with play stand apart
     x[lay.X_BATTERY + battery.X_SOC] = start.state_of_charge
     x[lay.X_BATTERY + battery.X_TEMPERATURE] = start.temperature
     for offset in (lay.X_THERMAL1, lay.X_THERMAL2):

@@ -7,6 +7,9 @@ from pathlib import Path
 import pytest
 
 from hev_can_emu.errors import InputError
+from hev_can_emu.plant.detailed_parameters import Effects
+from hev_can_emu.plant.holding import ROW, TOUCHED
+from hev_can_emu.runtime.bench import Bench
 from hev_can_emu.runtime.emulator import Emulator
 from hev_can_emu.runtime.playing import Playing
 from hev_can_emu.runtime.scenario_runs import read_scenario
@@ -81,3 +84,15 @@ def test_splitting_a_run_or_taking_it_up_again_changes_no_bit() -> None:
 def test_a_simpler_model_keeps_no_ledger() -> None:
     with pytest.raises(InputError, match="--ledger: expected --model detailed"):
         Emulator(Setup(model="16dof")).ledger()
+
+
+def test_meshes_with_play_start_apart_and_close_the_ledger_as_far_as_is_told() -> None:
+    bench = Bench(effects=Effects(mesh_play={"kfd": 2e-4}))
+    base = len(bench.plant.bank.flow) // 2
+    assert bench.n[ROW] == base
+    bench.command(em2_mode=1.0, em2_torque=60.0)
+    bench.advance(100)
+    assert any(event.kind == TOUCHED for event in bench.events)
+    ledger = bench.ledger()
+    assert ledger is not None
+    assert abs(ledger.residue) < 2e-4 * ledger.moved
