@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hev_can_emu.commands._live import LiveLine
@@ -47,6 +48,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="wall",
         help="wall, or lockstep: virtual time that waits for controllers in other processes (default: wall)",
     )
+    parser.add_argument(
+        "--dtc-store",
+        metavar="FILE",
+        help="keep the trouble codes in this file, over restarts",
+    )
     add_setup_arguments(parser)
     add_lockstep_arguments(parser)
     add_mqtt_arguments(parser, scenarios=True)
@@ -66,14 +72,18 @@ def execute(arguments: argparse.Namespace) -> int:
 
     from hev_can_emu.bus.open import open_bus
     from hev_can_emu.commands._compiling import ready_emulator
+    from hev_can_emu.runtime.code_store import CodeStore, read_store
+    from hev_can_emu.runtime.emulator import Event
     from hev_can_emu.runtime.recording import Recording
-    from hev_can_emu.runtime.service import Service
+    from hev_can_emu.runtime.service import Service, Watcher
     from hev_can_emu.telemetry.recorder import check_path
 
     # What can be told at once is told before anything is compiled or written.
     open_bus(arguments.bus, time.monotonic_ns)
     for path in arguments.record:
         check_path(path)
+    if arguments.dtc_store:
+        read_store(Path(arguments.dtc_store))
     emulator = ready_emulator(setup)  # compiled before the clock starts
     epoch_ns = time.time_ns()
     recording = Recording(emulator, arguments.record, epoch_ns)
@@ -84,6 +94,22 @@ def execute(arguments: argparse.Namespace) -> int:
         line.event(event)
         mqtt.event(event)
 
+    watchers = list(mqtt.watchers)
+    store = CodeStore(emulator, Path(arguments.dtc_store)) if arguments.dtc_store else None
+    failure = ""
+
+    def keep_codes() -> None:
+        nonlocal failure
+        wrong = store.save() if store is not None else ""
+        if wrong and wrong != failure:
+            line.event(Event(emulator.now_ns, "trouble codes", wrong, 0, 0.0))
+        failure = wrong
+
+    if store is not None:
+        watchers.append(Watcher("trouble codes", 0.5, keep_codes))
+        for code in store.strangers:
+            line.event(Event(0, "trouble codes", f"{code} is none of this network's", 0, 0.0))
+
     async def serve() -> Service:
         service = Service(
             emulator,
@@ -93,7 +119,7 @@ def execute(arguments: argparse.Namespace) -> int:
             on_ready=line.ready,
             on_status=line.status,
             on_event=tell,
-            watchers=mqtt.watchers,
+            watchers=watchers,
         )
         line.follow(service)
         mqtt.attach(service)
@@ -102,6 +128,7 @@ def execute(arguments: argparse.Namespace) -> int:
         finally:
             if service.opened:
                 service.tell()
+            keep_codes()
             await asyncio.to_thread(recording.close)
         return service
 

@@ -18,9 +18,9 @@ from hev_can_emu.ecu.bindings_file import (
     Bindings,
     MessageBinding,
     NodeBinding,
-    Supervision,
     Tie,
 )
+from hev_can_emu.ecu.supervision_file import Supervision
 from hev_can_emu.ecu.ties import (
     OWNERSHIPS,
     REACTIONS,

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Literal
 
 import msgspec
 
 from hev_can_emu.ecu.network_file import ProtectionBinding, Sending
 from hev_can_emu.ecu.sensors_file import Sensor
+from hev_can_emu.ecu.supervision_file import Supervision
 
 Ownership = Literal["emulated", "external", "silent"]
-Reaction = Literal["hold", "ramp_to_zero", "open_clutch"]
 
 
 class Tie(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -25,22 +25,6 @@ class Tie(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     unit: str | None = None
     factor: float = 1.0
     values: dict[str, int] = {}
-
-
-class Supervision(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How a request message is watched.
-
-    Lost after ``timeout_periods`` periods without a good frame (``period`` as a quantity where the DBC
-    has no cycle time); then ``reaction`` acts on the request ports in ``covers`` (empty: all of the
-    message), within ``ramp_down``.  ``status`` is the status port that tells how the message fares.
-    """
-
-    status: str = ""
-    timeout_periods: Annotated[int, msgspec.Meta(ge=1, le=1000)] = 3
-    period: str = ""
-    reaction: Reaction = "hold"
-    ramp_down: str = "200 ms"
-    covers: tuple[str, ...] = ()
 
 
 class MessageBinding(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -18,7 +18,8 @@ from hev_can_emu.plant.events import note
 Integers = npt.NDArray[np.int64]
 Array = npt.NDArray[np.float64]
 
-SLOTS = 96  #: rows: prepared, waiting, active, and ended ones until their place is needed
+SLOTS = 160  #: rows: prepared, waiting, active, and ended ones until their place is needed
+MOST_PREPARED = 96  #: of them for faults that a message injects by number
 
 # Columns of FaultTable.whole.
 STATE = 0  # FREE ... ENDED
@@ -115,6 +116,41 @@ def start_row(whole: Integers, slot: int, t_ns: int) -> None:
     whole[slot, DUE_NS] = 0
     whole[slot, RANDOM1] = whole[slot, SEED1]
     whole[slot, RANDOM2] = whole[slot, SEED2]
+
+
+@kernel
+def clear_row(whole: Integers, slot: int, t_ns: int) -> None:
+    """Let a row end at the next tick; one that has not begun never does."""
+    if whole[slot, STATE] == WAITING and whole[slot, START_NS] > t_ns:
+        whole[slot, STATE] = ENDED
+    whole[slot, END_NS] = max(t_ns, 1)
+
+
+INJECT, CLEAR, CLEAR_ALL = 1, 2, 3  #: commands of a control message
+
+
+@inner_kernel
+def control_rows(
+    table: FaultTable, command: float, number: float, prepared: int, t_ns: int
+) -> None:
+    """Obey a control message at ``t_ns``; what it begins or ends does so at the next tick.
+
+    Injecting what is live, or a number that is not prepared, does nothing.
+    """
+    whole = table.whole
+    if command == CLEAR_ALL:
+        for slot in range(whole.shape[0]):
+            if whole[slot, STATE] in (WAITING, ACTIVE):
+                clear_row(whole, slot, t_ns)
+        return
+    if not 0.0 <= number < prepared:
+        return
+    slot = int(number)
+    if command == INJECT and whole[slot, STATE] in (PREPARED, ENDED):
+        start_row(whole, slot, t_ns + 1)
+        table.counts[LIVE] += 1
+    elif command == CLEAR and whole[slot, STATE] in (WAITING, ACTIVE):
+        clear_row(whole, slot, t_ns)
 
 
 @inner_kernel

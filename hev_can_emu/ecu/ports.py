@@ -53,6 +53,8 @@ REQUESTS: tuple[Port, ...] = (
     Port("external_battery_voltage", "V", "battery terminal voltage, when BMS is external"),
     Port("external_discharge_power_limit", "W", "when BMS is external"),
     Port("external_charge_power_limit", "W", "when BMS is external"),
+    Port("fault_command", "1", "of a tester: 1 inject, 2 clear, 3 clear all"),
+    Port("fault_number", "1", "which of the prepared faults"),
 )
 
 STATUSES: tuple[Port, ...] = (
@@ -159,6 +161,8 @@ STATUSES: tuple[Port, ...] = (
     ),
     Port("rejected_frames", "1", "frames refused by protection since the start, modulo 65536"),
     Port("plant_model", "1", "0 4dof, 1 16dof, 2 detailed"),
+    Port("trouble_codes_active", "1", "number of trouble codes whose test fails now"),
+    Port("trouble_codes_confirmed", "1", "number of confirmed trouble codes"),
 )
 
 # Indices into the request vector.
@@ -195,6 +199,8 @@ EXTERNAL_BRAKE_TORQUE = 29
 EXTERNAL_BATTERY_VOLTAGE = 30
 EXTERNAL_DISCHARGE_POWER_LIMIT = 31
 EXTERNAL_CHARGE_POWER_LIMIT = 32
+FAULT_COMMAND = 33
+FAULT_NUMBER = 34
 
 # Indices into the status vector.
 S_ENGINE_SPEED = 0
@@ -292,6 +298,8 @@ S_FAULTS_ACTIVE = 91
 S_REQUESTS_FAILED = 92
 S_REJECTED_FRAMES = 93
 S_PLANT_MODEL = 94
+S_TROUBLE_CODES_ACTIVE = 95
+S_TROUBLE_CODES_CONFIRMED = 96
 
 # Why a setpoint differs from its request.
 LIMIT_NONE, LIMIT_SPEED, LIMIT_VOLTAGE, LIMIT_BATTERY_POWER, LIMIT_TEMPERATURE = 0, 1, 2, 3, 4
@@ -300,7 +308,13 @@ LIMIT_TORQUE_ON_DOGS, LIMIT_SYNC_TIMEOUT, LIMIT_FAULT, LIMIT_PEAK = 10, 11, 12, 
 
 # How a received request message fares.
 REQUEST_OK, REQUEST_NEVER, REQUEST_TIMEOUT, REQUEST_CRC, REQUEST_COUNTER = 0, 1, 2, 3, 4
-REQUEST_LENGTH, REQUEST_RANGE, REQUEST_NOT_AVAILABLE = 5, 6, 7
+REQUEST_LENGTH, REQUEST_RANGE, REQUEST_NOT_AVAILABLE, REQUEST_SLEW, REQUEST_IMPLAUSIBLE = (
+    5,
+    6,
+    7,
+    8,
+    9,
+)
 
 # Phases of a shift.
 SYNC_NEUTRAL, SYNC_TRAVEL, SYNC_SYNCHRONISING, SYNC_INDEX, SYNC_ENGAGED = 0, 1, 2, 3, 4

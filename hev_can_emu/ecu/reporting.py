@@ -102,9 +102,21 @@ _LOST: tuple[tuple[int, int], ...] = (
     (ports.S_SYNCHRONIZER_LIMIT_REASON, ports.S_SYNCHRONIZER_REQUEST_STATUS),
     (ports.S_BRAKE_LIMIT_REASON, ports.S_BRAKE_REQUEST_STATUS),
 )
+# What limits a request, before its machine does: limit reason, request port.
+_LIMITED: tuple[tuple[int, int], ...] = (
+    (ports.S_ENGINE_LIMIT_REASON, ports.ENGINE_TORQUE_REQUEST),
+    (ports.S_EM1_LIMIT_REASON, ports.EM1_TORQUE_REQUEST),
+    (ports.S_EM1_LIMIT_REASON, ports.EM1_SPEED_REQUEST),
+    (ports.S_EM2_LIMIT_REASON, ports.EM2_TORQUE_REQUEST),
+    (ports.S_EM2_LIMIT_REASON, ports.EM2_SPEED_REQUEST),
+    (ports.S_CLUTCH_LIMIT_REASON, ports.CLUTCH_CAPACITY_REQUEST),
+    (ports.S_SYNCHRONIZER_LIMIT_REASON, ports.SHIFT_FORCE_REQUEST),
+    (ports.S_BRAKE_LIMIT_REASON, ports.BRAKE_TORQUE_REQUEST),
+)
 COPIES = np.array(_COPIES, dtype=np.int64)
 ECHOES = np.array(_ECHOES, dtype=np.int64)
 LOST_REASONS = np.array(_LOST, dtype=np.int64)
+LIMITED_REASONS = np.array(_LIMITED, dtype=np.int64)
 
 
 @kernel
@@ -143,6 +155,7 @@ def statuses_from_truth(
     truth: Array,
     command: Array,
     request: Array,
+    limited: Array,
     tyre_radius: float,
     model: int,
     failed: int,
@@ -155,6 +168,7 @@ def statuses_from_truth(
         truth: shape (len(plant.TRUTH),).
         command: shape (len(plant.COMMANDS),).
         request: request ports as received.
+        limited: per request port the LIMIT_* code with which supervision limits it, 0 for none.
         tyre_radius: m.
         model: 0 4dof, 1 16dof, 2 detailed.
         failed: supervised messages that are not good.
@@ -204,6 +218,10 @@ def statuses_from_truth(
     elif phase == ports.SYNC_BLOCKED_BY_TORQUE:
         shift_reason = float(ports.LIMIT_TORQUE_ON_DOGS)
     statuses[ports.S_SYNCHRONIZER_LIMIT_REASON] = shift_reason
+    for i in range(LIMITED_REASONS.shape[0]):
+        reason = limited[LIMITED_REASONS[i, 1]]
+        if reason != 0.0 and statuses[LIMITED_REASONS[i, 0]] == ports.LIMIT_NONE:
+            statuses[LIMITED_REASONS[i, 0]] = reason
     for i in range(LOST_REASONS.shape[0]):
         # A unit that was never asked is not limited by a lost request.
         if statuses[LOST_REASONS[i, 1]] > ports.REQUEST_NEVER:

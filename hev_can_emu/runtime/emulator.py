@@ -14,6 +14,7 @@ from hev_can_emu.ecu import (
     fault_table,
     plant_faults,
     ports,
+    reasons,
     supervision,
     transmission_unit,
 )
@@ -23,13 +24,23 @@ from hev_can_emu.ecu.fault_table import FaultTable
 from hev_can_emu.ecu.faults import BUS_FAULTS, Fault
 from hev_can_emu.ecu.frame_faults import HELD_FRAMES
 from hev_can_emu.ecu.network import complete
+from hev_can_emu.ecu.rules import resolve_rules
 from hev_can_emu.ecu.sensors import resolve_sensors
 from hev_can_emu.ecu.ties import (
     OWNER_EMULATED,
     OWNER_EXTERNAL,
+    REACTIONS,
     ROLE_CONTROLLER,
     ResolvedBindings,
     with_ownership,
+)
+from hev_can_emu.ecu.trouble_codes import COLUMNS as CODE_COLUMNS
+from hev_can_emu.ecu.trouble_codes import (
+    TroubleCode,
+    code_text,
+    read_codes,
+    reset_codes,
+    write_codes,
 )
 from hev_can_emu.errors import InputError, did_you_mean
 from hev_can_emu.messages.codec import build_codec
@@ -53,7 +64,7 @@ from hev_can_emu.runtime import tick
 from hev_can_emu.runtime.car import Car
 from hev_can_emu.runtime.fault_book import FaultBook, InjectedFault
 from hev_can_emu.runtime.network_cache import cached_database
-from hev_can_emu.runtime.setup import PROTECTION_MODES, Setup, network_files
+from hev_can_emu.runtime.setup import PROTECTION_MODES, Setup, network_files, prepared_faults
 from hev_can_emu.runtime.tick import TICK_NS, Constants, State, make_world, run_world
 from hev_can_emu.scenario.script import GO_ON, STOPPED, Script, no_script
 
@@ -80,10 +91,6 @@ PHASES = (
     "disengaging", "aborted", "blocked by torque", "grating", "tooth on tooth",
 )  # fmt: skip
 LOCKS = ("C1", "G1", "G2", "left brake", "right brake", "body", "rear brakes")
-_REQUEST_STATES = (
-    "ok", "never received", "timed out", "wrong CRC", "wrong counter", "wrong length",
-    "out of range", "not available",
-)  # fmt: skip
 
 
 class Event(NamedTuple):
@@ -143,11 +150,14 @@ class Emulator:
         ties = with_ownership(ties, {**dict(enumerate(owners)), **played})
         awake_always = driver_nodes | self._nodes_sending(ties, ports.S_DRIVING_MODE)
         codec = build_codec(self.database)
+        controlled = ports.FAULT_COMMAND in ties.rx_port
+        faults, locate_fault = prepared_faults(self.setup) if controlled else ((), str)
         self.constants = Constants(
             codec=codec,
             protection=build_protection([m.protection for m in self.database.messages]),
             restbus=build_restbus(self.database),
             ties=ties,
+            rules=resolve_rules(bindings, self.database, ties, document.where),
             plant=self._car.plant,
             unit=self._car.unit,
             follows_ignition=np.array(
@@ -161,6 +171,7 @@ class Emulator:
             brake_max=self._car.brake_max,
             clutch_max=self._car.clutch_max,
             force_max=self._car.force_max,
+            prepared=len(faults),
             sensors=resolve_sensors(bindings.sensors, document.where),
         )
         begin = Start(
@@ -171,6 +182,7 @@ class Emulator:
         self.state.plant_x[:], self.state.plant_n[:], self.state.truth[:] = x, n, truth
         network = Network(self.database, self.node_names, ties.message_node.tolist(), 0)
         self._book = FaultBook(self.state.faults, network, lambda: self.now_ns)
+        self._book.prepare(faults, locate_fault)
         self._start(begin)
         self._script = no_script()
         self._world = make_world(self.constants, self.state, self._script)
@@ -220,7 +232,7 @@ class Emulator:
         state.command[:] = np.nan
         for vector in (
             state.requests, state.kept, state.effective, state.values, state.encoded, state.on_bus,
-            state.sensed,
+            state.sensed, state.slewed,
         ):  # fmt: skip
             vector[:] = np.nan
         state.share[:] = 1.0
@@ -233,6 +245,8 @@ class Emulator:
         reset_restbus(constants.restbus, state.transmit, 0)
         reset_receive(constants.codec, state.receive)
         supervision.reset_supervision(state.supervision)
+        reset_codes(state.codes)
+        state.scalars[tick.OPERATING] = 1 if ready else 0
         inputs = {
             ports.ACCELERATOR: 0.0,
             ports.BRAKE_PEDAL: 0.0,
@@ -430,6 +444,29 @@ class Emulator:
         """Let an event from outside, such as the bus's, be told among the car's own."""
         self._noted.append(event)
 
+    @property
+    def trouble_codes(self) -> list[TroubleCode]:
+        """Every trouble code that has failed since it was cleared, or is still known from before."""
+        names = tuple(message.name for message in self.database.messages)
+        return read_codes(self.state.codes, self.constants.rules.number, names)
+
+    def load_trouble_codes(self, stored: list[TroubleCode]) -> list[str]:
+        """Put back what an earlier run stored, and begin an operation cycle.
+
+        Returns:
+            The codes that no message of this network has.
+        """
+        strangers = write_codes(stored, self.state.codes, self.constants.rules.number)
+        supervision.begin_cycle(self.state.supervision, self.state.codes, self.now_ns)
+        tick.count_into(self.state.codes, self.state.scalars)
+        return strangers
+
+    def clear_trouble_codes(self) -> None:
+        """Clear all of them (ISO 14229-1, ClearDiagnosticInformation); what still fails, fails anew."""
+        reset_codes(self.state.codes)
+        self.state.supervision[:, supervision.TOLD] = 0
+        tick.count_into(self.state.codes, self.state.scalars)
+
     def take_events(self) -> list[Event]:
         """Return what happened since the last call."""
         events, self._noted = self._noted, []
@@ -455,6 +492,17 @@ class Emulator:
         self._buffer[:] = np.frombuffer(snapshot[len(mark) : end], dtype=np.uint8)
         self._book.unpack(snapshot[end:])
 
+    def _loss(self, message: int, value: int) -> str:
+        """Return reason, reaction and trouble code of a lost message as text."""
+        reaction, reason = divmod(value, supervision.REACTION_STEP)
+        parts = [reasons.REASONS[reason].text]
+        if reaction > 0:
+            parts.append(list(REACTIONS)[reaction - 1].replace("_", " "))
+        number, failure = int(self.constants.rules.number[message]), reasons.REASONS[reason].failure
+        if number and failure:
+            parts.append(code_text(number | failure))
+        return ", ".join(parts)
+
     def _translate(self, record: np.void) -> Event:
         kind, index, value = int(record["kind"]), int(record["index"]), float(record["value"])
         messages = self.database.messages
@@ -469,7 +517,7 @@ class Emulator:
             touch = kind == driveline.TOUCHED
             name, text = "teeth", f"dogs of {teeth} {'touch' if touch else 'part'}"
         elif kind == supervision.LOST:
-            name, text = "lost", f"{messages[index].name}: {_REQUEST_STATES[int(value)]}"
+            name, text = "lost", f"{messages[index].name}: {self._loss(index, int(value))}"
         elif kind == supervision.HEALED:
             name, text = "healed", f"{messages[index].name} is back"
         elif kind == tick.MODE_CHANGED:
@@ -533,6 +581,9 @@ def _allocate(
         "kept": (f8, (len(ports.REQUESTS),)),
         "effective": (f8, (len(ports.REQUESTS),)),
         "share": (f8, (len(ports.REQUESTS),)),
+        "limited": (f8, (len(ports.REQUESTS),)),
+        "slewed": (f8, (len(constants.rules.slew_tie),)),
+        "codes": (i8, (messages, len(reasons.FAILURES), CODE_COLUMNS)),
         "statuses": (f8, (len(ports.STATUSES),)),
         "sensed": (f8, (len(constants.sensors.port),)),
         "health": (f8, (plant_faults.N_HEALTH,)),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Literal, NamedTuple
 
 import msgspec
@@ -10,7 +10,7 @@ import numpy as np
 
 from hev_can_emu.ecu import fault_table as table
 from hev_can_emu.ecu.fault_rows import Network, fill_row
-from hev_can_emu.ecu.fault_table import SLOTS, FaultTable, start_row
+from hev_can_emu.ecu.fault_table import MOST_PREPARED, SLOTS, FaultTable, clear_row, start_row
 from hev_can_emu.ecu.faults import Fault
 from hev_can_emu.errors import InputError, StateError, did_you_mean
 
@@ -55,6 +55,12 @@ class FaultBook:
         self._network = network
         self._now_ns = now_ns
         self._page = _Page()
+        self._prepared = 0
+
+    @property
+    def prepared(self) -> tuple[str, ...]:
+        """The names of the prepared faults, by number."""
+        return tuple(self._page.rows[number][0] for number in range(self._prepared))
 
     def reseed(self, seed: int) -> None:
         """Let the random numbers of faults injected from now on follow from ``seed``."""
@@ -78,22 +84,39 @@ class FaultBook:
         self._table.counts[table.LIVE] += 1
         return name
 
+    def prepare(self, faults: Sequence[Fault], locate: Callable[[int], str]) -> None:
+        """Fill the first rows with faults that a control message injects by their number.
+
+        Raises:
+            InputError: too many, two of one name, or one that does not fit the network.
+        """
+        if len(faults) > MOST_PREPARED:
+            got = f"{len(faults)} of them"
+            raise InputError(locate(MOST_PREPARED), f"at most {MOST_PREPARED} faults", got)
+        names: set[str] = set()
+        for number, fault in enumerate(faults):
+            if fault.label in names:
+                got = f"'{fault.label}' again"
+                raise InputError(locate(number), "each name once", got, "give it a 'name'")
+            names.add(fault.label)
+            fill_row(fault, self._network, self._table, number, locate(number))
+            self._table.whole[number, table.STATE] = table.PREPARED
+            self._page.rows[number] = (fault.label, fault)
+        self._prepared = len(faults)
+
     def clear(self, name: str) -> None:
         """End a fault at the next tick; see :meth:`Emulator.clear`."""
         live = {self._page.rows[slot][0]: slot for slot in self._live()}
         if name not in live:
             hint = did_you_mean(name, live) or ("none is live" if not live else "")
             raise InputError("clear", "the name of a live fault", f"'{name}'", hint)
-        row = self._table.whole[live[name]]
-        # Not begun yet: it never will.
-        waits = row[table.STATE] == table.WAITING and row[table.START_NS] > self._now_ns()
-        row[table.END_NS] = max(self._now_ns(), 1)
-        if waits:
-            row[table.STATE] = table.ENDED
+        clear_row(self._table.whole, live[name], self._now_ns())
 
     def records(self) -> tuple[InjectedFault, ...]:
         """Return everything injected so far, in order of injection."""
-        found = [*self._page.past, *(self._record(slot) for slot in self._page.rows)]
+        states = self._table.whole[:, table.STATE]
+        used = (slot for slot in self._page.rows if states[slot] != table.PREPARED)
+        found = [*self._page.past, *(self._record(slot) for slot in used)]
         return tuple(sorted(found, key=lambda record: record.injected_ns))
 
     def name(self, slot: int) -> str:
@@ -126,13 +149,14 @@ class FaultBook:
 
     def _free_slot(self) -> int:
         states = self._table.whole[:, table.STATE]
-        for slot in range(SLOTS):
+        for slot in range(self._prepared, SLOTS):
             if states[slot] == table.FREE:
                 return slot
         # The one that ended first makes room; what it did is written down.
-        ended = [slot for slot in range(SLOTS) if states[slot] == table.ENDED]
+        ended = [slot for slot in range(self._prepared, SLOTS) if states[slot] == table.ENDED]
         if not ended:
-            raise StateError(f"all {SLOTS} places for faults are taken; clear some first")
+            places = SLOTS - self._prepared
+            raise StateError(f"all {places} places for faults are taken; clear some first")
         slot = min(ended, key=lambda s: int(self._table.whole[s, table.END_NS]))
         self._page.past.append(self._record(slot))
         del self._page.rows[slot]

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Literal
 
 import msgspec
 
 from hev_can_emu import config
 from hev_can_emu.ecu.bindings_file import Bindings
+from hev_can_emu.ecu.faults import Fault
 from hev_can_emu.errors import InputError, did_you_mean
 from hev_can_emu.plant.assembly import MODELS
 from hev_can_emu.plant.machines import Machines
@@ -36,6 +38,8 @@ class Setup(msgspec.Struct, frozen=True, kw_only=True):
         start: ``ready``: ignition on, booted, contactors closed; ``off``: everything asleep.
         nodes: owner per node name, where it differs from the bindings' default.
         state_of_charge: at the start, 0 to 1.
+        faults: file of faults that a control message injects by number; None for the shipped one, or
+            none where the network is not the shipped one.
     """
 
     vehicle: str = DEFAULT_VEHICLE
@@ -47,6 +51,7 @@ class Setup(msgspec.Struct, frozen=True, kw_only=True):
     start: str = "ready"
     nodes: Mapping[str, str] = {}
     state_of_charge: float = 0.6
+    faults: str | None = None
 
     def check(self) -> None:
         """Raise InputError for a choice that does not exist."""
@@ -93,3 +98,20 @@ def bindings_beside(dbc: Path) -> Path | None:
         return None  # told when it is read
     path = dbc.with_name(f"{dbc.stem}.bindings.yaml")
     return path if path.is_file() else None
+
+
+class FaultFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A file of prepared faults; a fault's number is its place, from 0."""
+
+    version: Literal[1]
+    faults: tuple[Fault, ...]
+
+
+def prepared_faults(setup: Setup) -> tuple[tuple[Fault, ...], Callable[[int], str]]:
+    """Return the prepared faults and what locates complaints about one; raises InputError."""
+    if setup.faults is None and setup.dbc is not None:
+        return (), str
+    path = Path(setup.faults) if setup.faults else folder("dbc") / "hev.faults.yaml"
+    document = config.read(path)
+    faults = document.convert(FaultFile).faults
+    return faults, lambda number: document.where(("faults", number))

@@ -17,7 +17,7 @@ from numba.experimental import structref
 
 from hev_can_emu.ecu import ports
 from hev_can_emu.ecu.control import IGNITION_ON, commands_from_requests
-from hev_can_emu.ecu.fault_table import HELD, LIVE, FaultTable, advance_rows
+from hev_can_emu.ecu.fault_table import HELD, LIVE, FaultTable, advance_rows, control_rows
 from hev_can_emu.ecu.frame_faults import (
     BABBLED_FRAMES,
     HELD_FRAMES,
@@ -30,16 +30,18 @@ from hev_can_emu.ecu.frame_faults import (
 )
 from hev_can_emu.ecu.plant_faults import fault_commands, fault_statuses
 from hev_can_emu.ecu.reporting import MOTOR_INIT, statuses_from_truth
+from hev_can_emu.ecu.rules import Rules
 from hev_can_emu.ecu.sensors import Sensors, measure
 from hev_can_emu.ecu.supervision import REFUSED as SUP_REFUSED
-from hev_can_emu.ecu.supervision import take_message, watch
+from hev_can_emu.ecu.supervision import begin_cycle, is_taken, take_message, watch
 from hev_can_emu.ecu.ties import ResolvedBindings, message_from_statuses, sent_value
 from hev_can_emu.ecu.transmission_unit import TransmissionUnit
+from hev_can_emu.ecu.trouble_codes import count_codes
 from hev_can_emu.jit import JIT_DISABLED, counting_kernel, inner_kernel, kernel
 from hev_can_emu.messages.codec import Codec, decode, find_message
 from hev_can_emu.messages.columns import M_COUNT, M_FIRST, M_WIRE_LENGTH
 from hev_can_emu.messages.frame import ERROR, EXTENDED, REMOTE, SENT
-from hev_can_emu.messages.protection import Protection
+from hev_can_emu.messages.protection import LENGTH_WRONG, Protection, is_accepted
 from hev_can_emu.messages.restbus import Restbus
 from hev_can_emu.messages.transfer import receive, transmit
 from hev_can_emu.plant.detailed_layout import DetailedPlant
@@ -64,9 +66,10 @@ ASLEEP, BOOTING, AWAKE, AFTERRUN = 0, 1, 2, 3
 # Scalars of the int64 state.
 TICKS, PENDING, UNKNOWN, CONFLICTS, RECEIVED, SENT_FRAMES, FAILED, REFUSED, LAST_MODE = range(9)
 WIRED = (
-    9  # 1: what this program sends acts, and is seen, when it comes back from the bus marked SENT
+    9  #: 1: what this program sends acts, and is seen, when it comes back from the bus marked SENT
 )
-N_SCALARS = 10
+OPERATING, CODES_ACTIVE, CODES_CONFIRMED = 10, 11, 12
+N_SCALARS = 13
 
 MODE_CHANGED, SYNC_CHANGED, CONFLICT = 20, 21, 22  #: kinds of events
 
@@ -82,6 +85,7 @@ class Constants(NamedTuple):
     protection: Protection
     restbus: Restbus
     ties: ResolvedBindings
+    rules: Rules
     plant: Plant | DetailedPlant
     unit: TransmissionUnit | None
     follows_ignition: Flags
@@ -93,6 +97,7 @@ class Constants(NamedTuple):
     brake_max: float
     clutch_max: float
     force_max: float
+    prepared: int
     sensors: Sensors
 
 
@@ -103,7 +108,8 @@ class State(NamedTuple):
     ``told``: 1 once a second sender of the message was told of;
     ``values``: signals to send; ``encoded``: as last encoded; ``on_bus``: signals as last seen on the bus;
     ``seen_ns``: when; ``held`` and ``held_row``: frames that faults hold back;
-    ``sensed``: the sensors' filters; ``health``: what the units know of their machines' faults.
+    ``sensed``: the sensors' filters; ``health``: what the units know of their machines' faults;
+    ``codes``: trouble codes.
     ``frames_out``, ``events`` and ``result`` carry a call's results, ``scratch`` is where frames pass
     faults; they are no part of a snapshot.
     """
@@ -123,6 +129,9 @@ class State(NamedTuple):
     kept: Array
     effective: Array
     share: Array
+    limited: Array
+    slewed: Array
+    codes: Integers
     statuses: Array
     sensed: Array
     health: Array
@@ -165,11 +174,28 @@ def _take_frame(
     )  # fmt: skip
     if message < 0:
         return
+    mode = constants.protection_mode
+    if code != LENGTH_WRONG and not is_accepted(code, mode) and (
+        is_taken(constants.rules, message, code, mode)
+    ):  # fmt: skip
+        decode(constants.codec, message, frames[i]["data"], state.on_bus)
     take_message(
-        constants.ties, state.supervision, message, code, constants.protection_mode,
-        state.on_bus, state.requests, t_ns,
+        constants.ties, constants.rules, state.supervision, message, code, mode, state.on_bus,
+        state.requests, state.statuses, t_ns,
     )  # fmt: skip
+    command = state.requests[ports.FAULT_COMMAND]
+    if command > 0.0:
+        control_rows(
+            state.faults, command, state.requests[ports.FAULT_NUMBER], constants.prepared, t_ns
+        )
+        state.requests[ports.FAULT_COMMAND] = np.nan
     _mark_seen(constants.codec, state.seen_ns, message, t_ns)
+
+
+@kernel
+def count_into(codes: Integers, scalars: Integers) -> None:
+    """Count the trouble codes that fail now and those that are confirmed."""
+    scalars[CODES_ACTIVE], scalars[CODES_CONFIRMED] = count_codes(codes)
 
 
 @inner_kernel
@@ -375,10 +401,20 @@ def run_ticks(
                     _take_frame(constants, state, frames_in, taken, state.accept, t_ns)
             taken += 1
 
-        failed, n_events = watch(
-            constants.ties, state.supervision, state.requests, state.kept, state.effective,
-            state.share, state.statuses, t_ns, events, n_events,
+        operating = 1 if state.requests[ports.IGNITION] >= IGNITION_ON else 0
+        recount = False
+        if operating != state.scalars[OPERATING]:
+            state.scalars[OPERATING] = operating
+            if operating == 1:
+                begin_cycle(state.supervision, state.codes, t_ns)
+                recount = True
+        failed, n_events, changed = watch(
+            constants.ties, constants.rules, state.supervision, state.requests, state.kept,
+            state.effective, state.share, state.limited, state.slewed, state.statuses, state.codes,
+            operating == 1, t_ns, events, n_events,
         )  # fmt: skip
+        if changed or recount:
+            count_into(state.codes, state.scalars)
         state.scalars[FAILED] = failed
         refused = 0
         for message in range(messages):
@@ -394,9 +430,11 @@ def run_ticks(
                 constants.force_max, state.health,
             )  # fmt: skip
         statuses_from_truth(
-            state.truth, state.command, state.requests, constants.tyre_radius, constants.model,
-            failed, refused, state.statuses,
+            state.truth, state.command, state.requests, state.limited, constants.tyre_radius,
+            constants.model, failed, refused, state.statuses,
         )  # fmt: skip
+        state.statuses[ports.S_TROUBLE_CODES_ACTIVE] = state.scalars[CODES_ACTIVE]
+        state.statuses[ports.S_TROUBLE_CODES_CONFIRMED] = state.scalars[CODES_CONFIRMED]
         measure(constants.sensors, state.sensed, state.statuses)
         if faulty:
             fault_statuses(state.faults, state.health, state.statuses)

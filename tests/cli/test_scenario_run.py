@@ -155,7 +155,7 @@ def test_a_run_tells_what_it_was_and_what_happened(short: Path) -> None:
         ("MCU2_Status.EM2Torque",),
     ]
     told = [(event.kind, event.text) for event in result.events]
-    assert told[-1] == ("lost", "HCU_EM1Request: timed out")
+    assert told[-1] == ("lost", "HCU_EM1Request: timed out, ramp to zero, U1101-87")
 
 
 def test_the_report_tells_how_to_run_it_again(short: Path) -> None:

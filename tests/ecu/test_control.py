@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hev_can_emu.ecu import control, ports
-from hev_can_emu.ecu.supervision import GONE, HELD
+from hev_can_emu.ecu.reactions import GONE, HELD
 from hev_can_emu.plant import powertrain as plant
 
 BRAKE_MAX = 6000.0

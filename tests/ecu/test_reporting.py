@@ -41,7 +41,9 @@ def report(
     for vector, given in ((y, truth), (u, command), (out, statuses or {})):
         for index, value in given.items():
             vector[index] = value
-    reporting.statuses_from_truth(y, u, request, 0.35, 1, 2, 65540, out)
+    reporting.statuses_from_truth(
+        y, u, request, np.zeros(len(ports.REQUESTS)), 0.35, 1, 2, 65540, out
+    )
     return out
 
 

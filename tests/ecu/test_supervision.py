@@ -9,7 +9,8 @@ import pytest
 from watched import CAP, CMD, STATE, Watch, network
 
 from hev_can_emu.ecu import ports
-from hev_can_emu.ecu.supervision import GONE, GOOD, HEALED, HELD, LOST, REFUSED
+from hev_can_emu.ecu.reactions import GONE, GOOD, HELD
+from hev_can_emu.ecu.supervision import HEALED, LOST, REFUSED
 from hev_can_emu.ecu.ties import OWNER_EMULATED, with_ownership
 from hev_can_emu.messages import protection
 
@@ -19,7 +20,7 @@ REAL, SLOPE = ports.EXTERNAL_EM2_TORQUE, ports.ROAD_GRADE
 
 @pytest.fixture
 def watch(tmp_path: Path) -> Watch:
-    return Watch(network(tmp_path).ties)
+    return Watch(network(tmp_path))
 
 
 def test_never_received(watch: Watch) -> None:
@@ -159,7 +160,8 @@ def test_what_an_external_unit_does_not_know_is_not_kept(watch: Watch) -> None:
 
 
 def test_an_emulated_unit_is_not_listened_to(tmp_path: Path) -> None:
-    watch = Watch(with_ownership(network(tmp_path).ties, {1: OWNER_EMULATED}))
+    given = network(tmp_path)
+    watch = Watch(given, with_ownership(given.ties, {1: OWNER_EMULATED}))
     watch.take(0, STATE, real=40.0)
     watch.look(0)
     assert np.isnan(watch.requests[REAL])

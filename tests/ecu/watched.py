@@ -8,8 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from hev_can_emu import config
-from hev_can_emu.ecu import ports, supervision
+from hev_can_emu.ecu import ports, supervision, trouble_codes
 from hev_can_emu.ecu.bindings import Bindings, ResolvedBindings, resolve
+from hev_can_emu.ecu.reasons import FAILURES
+from hev_can_emu.ecu.rules import Rules, resolve_rules
 from hev_can_emu.messages.database import Database, load_database
 
 MS = 1_000_000
@@ -55,21 +57,31 @@ TRQ, GANG, TOP, CLUTCH, REAL, SLOPE = range(6)
 class Network(NamedTuple):
     database: Database
     ties: ResolvedBindings
+    rules: Rules
 
 
-def network(folder: Path) -> Network:
-    """Return the network above."""
+def network(folder: Path, bindings: str = BINDINGS) -> Network:
+    """Return the network above, or with other bindings."""
     (folder / "small.dbc").write_text(DBC)
     database = load_database(folder / "small.dbc")
-    document = config.parse(BINDINGS, "small.yaml")
-    return Network(database, resolve(document.convert(Bindings), database, document.where))
+    document = config.parse(bindings, "small.yaml")
+    declared = document.convert(Bindings)
+    ties = resolve(declared, database, document.where)
+    return Network(database, ties, resolve_rules(declared, database, ties, document.where))
 
 
 class Watch:
     """The arrays that supervision works on, and time."""
 
-    def __init__(self, ties: ResolvedBindings) -> None:
-        self.ties = ties
+    def __init__(self, given: Network, ties: ResolvedBindings | None = None) -> None:
+        self.ties = given.ties if ties is None else ties
+        self.rules = given.rules
+        self.codes = np.zeros((3, len(FAILURES), trouble_codes.COLUMNS), dtype=np.int64)
+        trouble_codes.reset_codes(self.codes)
+        self.limited = np.zeros(len(ports.REQUESTS))
+        self.slewed = np.full(len(self.rules.slew_tie), np.nan)
+        self.operating = True
+        self.changed = False
         self.state = np.zeros((3, supervision.COLUMNS), dtype=np.int64)
         supervision.reset_supervision(self.state)
         count = len(ports.REQUESTS)
@@ -92,14 +104,16 @@ class Watch:
         for name, value in values.items():
             vector[globals()[name.upper()]] = value
         supervision.take_message(
-            self.ties, self.state, message, code, mode, vector, self.requests, round(t_ms * MS)
-        )
+            self.ties, self.rules, self.state, message, code, mode, vector, self.requests,
+            self.statuses, round(t_ms * MS),
+        )  # fmt: skip
 
     def look(self, t_ms: float) -> Watch:
         """Look for time-outs."""
-        self.failed, noted = supervision.watch(
-            self.ties, self.state, self.requests, self.held, self.effective, self.share,
-            self.statuses, round(t_ms * MS), self.events, 0,
+        self.failed, noted, self.changed = supervision.watch(
+            self.ties, self.rules, self.state, self.requests, self.held, self.effective, self.share,
+            self.limited, self.slewed, self.statuses, self.codes, self.operating,
+            round(t_ms * MS), self.events, 0,
         )  # fmt: skip
         self.told += [(int(e["kind"]), int(e["index"])) for e in self.events[:noted]]
         return self

@@ -65,7 +65,7 @@ def test_lost_means_older_than_three_periods_to_the_tick() -> None:
     bench.run(1)
     lost = [event for event in bench.events if event.kind == "lost"]
     assert [(event.t_ns, event.text) for event in lost] == [
-        ((last + 31) * 1_000_000, "HCU_EM2Request: timed out")
+        ((last + 31) * 1_000_000, "HCU_EM2Request: timed out, ramp to zero, U1102-87")
     ]
 
 

@@ -152,6 +152,7 @@ def test_not_available_lies_outside_the_range(message: Any, signal: Any) -> None
 
 def test_units_are_known_and_present() -> None:
     counts = {"FaultsActive", "RequestsFailed", "RejectedFrames"}
+    counts |= {"TroubleCodesActive", "TroubleCodesConfirmed"}
     for _, signal in PAYLOAD:
         if len(signal.choices) > 1 or signal.name in counts:
             assert signal.unit is None, signal.name
