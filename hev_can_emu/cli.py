@@ -20,6 +20,7 @@ COMMANDS: tuple[tuple[str, str, str], ...] = (
     ("replay", "replay", "play a recording to a bus, or its requests to the car"),
     ("compare", "compare", "one scenario with each fidelity of the plant, over each other"),
     ("dbc", "dbc", "check a network file and its bindings"),
+    ("faults", "faults", "list the faults that can be injected, and what a client sees of them"),
     ("modes", "modes", "natural frequencies, damping and mode shapes"),
     ("step-response", "step_response", "full-order against reduced model after a torque step"),
     ("identify", "identify", "find driveline parameters from measured frequencies"),

@@ -31,6 +31,11 @@ def add_setup_arguments(parser: argparse.ArgumentParser) -> None:
         "--bindings", metavar="FILE", help="what its signals mean (default: the shipped bindings)"
     )
     group.add_argument(
+        "--faults",
+        metavar="FILE",
+        help="faults that a message of the network injects by number (default: the shipped ones)",
+    )
+    group.add_argument(
         "--protection",
         metavar="MODE",
         help="received counters and CRCs: off, observe or enforce (default: enforce)",
@@ -71,7 +76,16 @@ def make_setup(
     chosen: dict[str, Any] = {
         key: value for key, value in (scenario or {}).items() if value is not None
     }
-    for key in ("vehicle", "model", "reduction", "dbc", "bindings", "protection", "start"):
+    for key in (
+        "vehicle",
+        "model",
+        "reduction",
+        "dbc",
+        "bindings",
+        "faults",
+        "protection",
+        "start",
+    ):
         value = getattr(arguments, key)
         if value is not None:
             chosen[key] = value

@@ -128,6 +128,8 @@ def clear_row(whole: Integers, slot: int, t_ns: int) -> None:
 
 INJECT, CLEAR, CLEAR_ALL = 1, 2, 3  #: commands of a control message
 
+TICK_NS = 1_000_000
+
 
 @inner_kernel
 def control_rows(
@@ -147,7 +149,7 @@ def control_rows(
         return
     slot = int(number)
     if command == INJECT and whole[slot, STATE] in (PREPARED, ENDED):
-        start_row(whole, slot, t_ns + 1)
+        start_row(whole, slot, t_ns + TICK_NS)
         table.counts[LIVE] += 1
     elif command == CLEAR and whole[slot, STATE] in (WAITING, ACTIVE):
         clear_row(whole, slot, t_ns)

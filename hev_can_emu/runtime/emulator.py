@@ -151,6 +151,11 @@ class Emulator:
         awake_always = driver_nodes | self._nodes_sending(ties, ports.S_DRIVING_MODE)
         codec = build_codec(self.database)
         controlled = ports.FAULT_COMMAND in ties.rx_port
+        if self.setup.faults is not None and not controlled:
+            hint = "bind one to the port 'fault_command'"
+            raise InputError(
+                "--faults", "a message that injects faults", "none in the network", hint
+            )
         faults, locate_fault = prepared_faults(self.setup) if controlled else ((), str)
         self.constants = Constants(
             codec=codec,

@@ -11,7 +11,7 @@ import numpy as np
 from hev_can_emu.ecu import fault_table as table
 from hev_can_emu.ecu.fault_rows import Network, fill_row
 from hev_can_emu.ecu.fault_table import MOST_PREPARED, SLOTS, FaultTable, clear_row, start_row
-from hev_can_emu.ecu.faults import Fault
+from hev_can_emu.ecu.faults import BUS_FAULTS, Fault
 from hev_can_emu.errors import InputError, StateError, did_you_mean
 
 State = Literal["prepared", "waiting", "active", "ended"]
@@ -95,6 +95,9 @@ class FaultBook:
             raise InputError(locate(MOST_PREPARED), f"at most {MOST_PREPARED} faults", got)
         names: set[str] = set()
         for number, fault in enumerate(faults):
+            if isinstance(fault, BUS_FAULTS):
+                got = f"{fault.kind}, which is of the wire"
+                raise InputError(locate(number), "a fault of frames, signals or the car", got)
             if fault.label in names:
                 got = f"'{fault.label}' again"
                 raise InputError(locate(number), "each name once", got, "give it a 'name'")

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import msgspec
 
 from hev_can_emu import config
 from hev_can_emu.ecu.bindings_file import Bindings
-from hev_can_emu.ecu.faults import Fault
+from hev_can_emu.ecu.faults import Fault, parse
 from hev_can_emu.errors import InputError, did_you_mean
 from hev_can_emu.plant.assembly import MODELS
 from hev_can_emu.plant.machines import Machines
@@ -101,10 +101,10 @@ def bindings_beside(dbc: Path) -> Path | None:
 
 
 class FaultFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A file of prepared faults; a fault's number is its place, from 0."""
+    """A file of prepared faults as :func:`hev_can_emu.ecu.faults.parse` takes them, counted from 0."""
 
     version: Literal[1]
-    faults: tuple[Fault, ...]
+    faults: tuple[dict[str, Any], ...]
 
 
 def prepared_faults(setup: Setup) -> tuple[tuple[Fault, ...], Callable[[int], str]]:
@@ -113,5 +113,9 @@ def prepared_faults(setup: Setup) -> tuple[tuple[Fault, ...], Callable[[int], st
         return (), str
     path = Path(setup.faults) if setup.faults else folder("dbc") / "hev.faults.yaml"
     document = config.read(path)
-    faults = document.convert(FaultFile).faults
-    return faults, lambda number: document.where(("faults", number))
+
+    def locate(number: int) -> str:
+        return document.where(("faults", number))
+
+    given = document.convert(FaultFile).faults
+    return tuple(parse(each, locate(number)) for number, each in enumerate(given)), locate

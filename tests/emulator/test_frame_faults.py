@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from can_bench import MS, Bench, build
 
+from hev_can_emu.ecu.fault_table import SLOTS
 from hev_can_emu.ecu.faults import parse
 from hev_can_emu.errors import InputError, StateError
 from hev_can_emu.messages import protection
@@ -291,16 +292,16 @@ def test_the_record_of_faults_and_their_events() -> None:
 def test_more_faults_than_places_are_refused_and_old_ones_remembered() -> None:
     bench = Bench(CAR).run(10)
     before = len(bench.emulator.faults)
-    for _ in range(3):
+    for _ in range(4):
         names = [inject(bench, fault="drop", message="EMU_PlantState") for _ in range(60)]
         bench.run(2)
         for name in names:
             bench.emulator.clear(name)
         bench.run(2)
-    assert len(bench.emulator.faults) == before + 180
-    for _ in range(96):
+    assert len(bench.emulator.faults) == before + 240
+    for _ in range(SLOTS):
         inject(bench, fault="drop", message="EMU_PlantState")
-    with pytest.raises(StateError, match="all 96 places"):
+    with pytest.raises(StateError, match=f"all {SLOTS} places"):
         inject(bench, fault="drop")
 
 

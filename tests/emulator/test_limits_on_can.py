@@ -149,3 +149,12 @@ def test_engine_limits() -> None:
     assert bench["EngineTorque"] == pytest.approx(bench["EngineTorqueAvailableMin"], abs=1)
     assert -30.0 < bench["EngineTorque"] < -10.0  # drag: fuel cut
     assert bench.label("EngineLimitReason") == "PeakTorque"
+
+
+def test_a_force_beyond_what_the_unit_allows_is_limited_and_told() -> None:
+    bench = Bench(CAR).ask_and_run(400, GearRequest="G1", ShiftForceRequest=1900.0)
+    assert bench.label("SynchronizerLimitReason") == "Range"
+    assert bench["ShiftForceEcho"] == 1900.0
+    assert bench.series("ShiftForce")[1].max() <= 1801.0
+    bench.ask_and_run(200, ShiftForceRequest=1000.0)
+    assert bench.label("SynchronizerLimitReason") == "None"
