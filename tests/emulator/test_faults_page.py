@@ -109,7 +109,7 @@ def test_a_message_injects_and_clears(tmp_path: Path, repository: Path, page: st
         ),
         (
             FAULTS + "  - {fault: drop, message: EMS_Status, name: x}\n" * 95,
-            "expected each name once",
+            "expected at most 96 faults, got 97 of them",
         ),
         (FAULTS + "  - {fault: bus_off, node: MCU1}\n", "got bus_off, which is of the wire"),
         ("version: 2\nfaults: []\n", "faults.yaml:1: $.version: expected 1, got 2"),
