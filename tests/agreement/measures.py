@@ -39,17 +39,17 @@ class Figures(NamedTuple):
     heat: float
 
 
-def load() -> Stored:
-    """Return the stored run."""
-    with np.load(compute.STORED) as file:
+def load(name: str) -> Stored:
+    """Return the stored run of a manoeuvre."""
+    with np.load(compute.stored(name)) as file:
         columns = dict(zip(file["names"].tolist(), file["signals"].T, strict=True))
         told = zip(file["event_times"].tolist(), file["event_names"].tolist(), strict=True)
         return Stored(str(file["digest"]), columns, list(told))
 
 
-def product(step_ns: int) -> Run:
-    """Return the product's run with an inner step."""
-    car, y, given, start = compute.prepare()
+def product(name: str, step_ns: int) -> Run:
+    """Return the product's run of a manoeuvre with an inner step."""
+    car, y, given, start = compute.prepare(name)
     return Product(start, car, y, step_ns).run(given)
 
 
@@ -87,7 +87,36 @@ def row(step_ns: int, found: Figures) -> str:
     return f"| {step_ns // 1000} us | {1e6 * found.lock:.1f} us | {shares} |"
 
 
+class ShiftFigures(NamedTuple):
+    """Distances from the reference: instants at which the cone catches and lets go, s; sleeve, m."""
+
+    cone: float
+    sleeve: float
+
+
+def shift_figures(run: Run, stored: Stored) -> ShiftFigures:
+    """Return the largest distances of a run up to when the ring has turned."""
+    end = next(at for at, name in stored.events if name == "ring turned")
+    told = {"cone slip": driveline.LOCKED, "cone lets go": driveline.RELEASED}
+    # While the sleeve is at the centre nothing presses the cone.
+    expected = [(at, told[name]) for at, name in stored.events if name in told and 0.22 < at < end]
+    found = [event for event in changes(run, structure.G1) if event.time < end]
+    assert [event.kind for event in found] == [kind for _, kind in expected]
+    apart = [abs(event.time - at) for event, (at, _) in zip(found, expected, strict=True)]
+    count = int(end / compute.SAMPLE) + 1
+    way = np.abs(ours(run, "sleeve_position") - stored.signals["sleeve_position"])[:count]
+    return ShiftFigures(max(apart), float(way.max()))
+
+
+def shift_row(step_ns: int, found: ShiftFigures) -> str:
+    """Return a row of the page's second table."""
+    return f"| at {step_ns // 1000} us | {1e6 * found.cone:.0f} us | {1e6 * found.sleeve:.1f} um |"
+
+
 if __name__ == "__main__":
-    reference = load()
+    reference = load("close")
     for step in STEPS_NS:
-        print(row(step, figures(product(step), reference)))
+        print(row(step, figures(product("close", step), reference)))
+    reference = load("shift")
+    for step in STEPS_NS:
+        print(shift_row(step, shift_figures(product("shift", step), reference)))

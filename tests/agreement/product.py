@@ -10,7 +10,16 @@ from reference import switch
 from reference.mechanics import AT, BRANCHES
 from reference.oil import CLUTCH, PISTON, SPOOL, SUPPLY
 
-from hev_can_emu.plant import battery, combustion, driveline, holding, hydraulics, structure, teeth
+from hev_can_emu.plant import (
+    battery,
+    combustion,
+    driveline,
+    holding,
+    hydraulics,
+    sleeve,
+    structure,
+    teeth,
+)
 from hev_can_emu.plant import detailed_layout as lay
 from hev_can_emu.plant import powertrain as port
 from hev_can_emu.plant.detailed import detailed_step, observe
@@ -43,7 +52,7 @@ class Run(NamedTuple):
 
 SIGNALS = (
     "engine_speed", "input_speed", "em2_speed", "body_speed", "half_shaft_torque",
-    "input_shaft_torque", "clutch_slip", "gear_slip", "clutch_heat",
+    "input_shaft_torque", "clutch_slip", "gear_slip", "clutch_heat", "sleeve_position",
 )  # fmt: skip
 
 
@@ -121,10 +130,11 @@ class Product:
             w["Je"], w["J1"], w["Jm2"], w["Jv"], self._shaft("lh", "Jfd2", "Jlw"),
             self._shaft("2", "Jc2", "J1"), w["Jc1"] - w["Jc2"], w["Jsleeve"] - w["Jg11"],
             self.bench.x[lay.X_BOOKS + teeth.FRICTION + structure.C1],
+            self.bench.x[lay.X_SYNC + sleeve.X_POSITION],
         ]  # fmt: skip
 
 
 def changes(run: Run, index: int) -> list[Event]:
-    """Return the events of one lock."""
-    kinds = (driveline.LOCKED, driveline.RELEASED, driveline.TOUCHED, driveline.PARTED)
+    """Return when one lock caught and let go."""
+    kinds = (driveline.LOCKED, driveline.RELEASED)
     return [event for event in run.events if event.index == index and event.kind in kinds]

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from measures import STEPS_NS, Stored, figures, load, ours, product, row
+from measures import STEPS_NS, Stored, figures, load, ours, product, row, shift_figures, shift_row
 from product import Run, changes
 from reference import compute, switch
 
@@ -25,20 +25,21 @@ PAGE = Path(__file__).parents[2] / "docs" / "detailed" / "agreement.md"
 
 @pytest.fixture(scope="module")
 def stored() -> Stored:
-    return load()
+    return load("close")
 
 
 @functools.cache
-def run(step_ns: int) -> Run:
-    return product(step_ns)
+def run(step_ns: int, name: str = "close") -> Run:
+    return product(name, step_ns)
 
 
-def test_the_stored_run_is_of_these_inputs(stored: Stored) -> None:
-    assert stored.digest == compute.digest(), "run tests/reference/compute.py"
+@pytest.mark.parametrize("name", switch.MANOEUVRES)
+def test_the_stored_run_is_of_these_inputs(name: str) -> None:
+    assert load(name).digest == compute.digest(name), "run tests/reference/compute.py"
 
 
 def test_a_stretch_computed_anew_is_the_stored_one(stored: Stored) -> None:
-    car, y, given, _ = compute.prepare()
+    car, y, given, _ = compute.prepare("close")
     end = STRETCH * switch.PERIOD
     again = switch.simulate(car, y, given, compute.SAMPLE, end)
     for name, values in zip(switch.SIGNALS, again.signals.T, strict=True):
@@ -96,6 +97,22 @@ def test_errors_fall_with_the_inner_step(name: str, stored: Stored) -> None:
     orders = np.log2(errors[:-1]) - np.log2(errors[1:])
     # First order, as the coupling of machines, oil and driveline is.
     assert orders.min() > 0.7, errors
+
+
+def test_the_sleeve_synchronises_g1_and_turns_the_ring_as_in_the_reference() -> None:
+    reference = load("shift")
+    found = shift_figures(run(50_000, "shift"), reference)
+    assert found.cone < 100e-6
+    assert found.sleeve < 10e-6
+    names = [name for _, name in reference.events]
+    assert "sleeve at ring" in names
+    assert names.count("cone slip") >= 2
+
+
+@pytest.mark.parametrize("step_ns", STEPS_NS)
+def test_the_page_tells_the_figures_of_the_shift(step_ns: int) -> None:
+    fresh = shift_row(step_ns, shift_figures(run(step_ns, "shift"), load("shift")))
+    assert fresh in PAGE.read_text().splitlines()
 
 
 @pytest.mark.parametrize("step_ns", STEPS_NS)

@@ -1,7 +1,7 @@
 """The whole car on its way from series to parallel: state, right-hand side, modes and crossings.
 
 Left out, because the switch does not need it: brakes, standstill, idle governor, battery and DC link (the
-voltage stays far from its limit), gear 2, teeth that meet tooth on tooth.
+voltage stays far from its limit), gear 2, dogs.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ ANGLE = N + NB
 CHARGE, PLATES = ANGLE + 1, ANGLE + 2
 OIL = ANGLE + 3
 EM1, EM2 = OIL + N_STATE, OIL + N_STATE + 2
-X, V, RING, PLACE = EM2 + 2, EM2 + 3, EM2 + 4, EM2 + 5
-HEAT = PLACE + 1
+X, V, RING = EM2 + 2, EM2 + 3, EM2 + 4
+HEAT = RING + 1
 SIZE = HEAT + 1
 
 
@@ -40,7 +40,7 @@ class Car:
         self.combustion = Combustion(finer.engine)
         self.circuit = Circuit(finer.hydraulics)
         self.plates = Plates(finer.clutch, finer.transmission.clutch_wear)
-        self.sleeve: Any = Sleeve(finer.sleeve) if "sleeve" in finer else None
+        self.sleeve = Sleeve(finer.sleeve)
         self.em1 = Machine(finer.em1, temperature)
         self.em2 = Machine(finer.em2, temperature)
         self.temperature = temperature
@@ -53,12 +53,11 @@ class Car:
         self.currents = [0.0, 0.0, 0.0]
         self.pump = False
         self.engine_request = 0.0
-        # Modes: what is held; the sign of C1's slide, of the cone's; what stops the sleeve; dogs.
+        # Modes: what is held; the sign of C1's slide, of the cone's; what stops the sleeve.
         self.c1_held, self.c1_sign = True, 1.0
-        self.g1 = "cone"  # or "held cone", "play", "held dogs"
+        self.g1_held = False
         self.g1_sign = 1.0
-        self.side = 0.0
-        self.stopped = "friction"  # or "ring", "end", "": it moves
+        self.stopped = "friction"  # or "ring", "": it moves
         self.moving = 1.0
         self.resting = [True, True, True, False]  # spools and clutch piston at their stops
         self.half = 1.0
@@ -69,7 +68,7 @@ class Car:
     def held(self) -> list[str]:
         """Return the constraints that hold now."""
         held = ["C1"] if self.c1_held else []
-        return [*held, "G1"] if self.g1 in ("held cone", "held dogs") else held
+        return [*held, "G1"] if self.g1_held else held
 
     def slip(self, y: np.ndarray) -> float:
         """Return C1's slip, engine side faster."""
@@ -91,7 +90,7 @@ class Car:
 
     def cone(self, y: np.ndarray) -> float:
         """Return the capacity of G1's cone."""
-        if self.sleeve is None or y[X] <= 0.0:
+        if y[X] <= 0.0:
             return 0.0
         push = self.circuit.shift_force(y[OIL : OIL + N_STATE])
         return self.sleeve.cone * self.sleeve.ring_force(y[X], push, y[RING])
@@ -114,7 +113,7 @@ class Car:
         if not self.c1_held:
             out[AT["Jc1"]] -= self.c1_sign * self.capacity(y)
             out[AT["Jc2"]] += self.c1_sign * self.capacity(y)
-        if self.g1 == "cone":
+        if not self.g1_held:
             out[AT["Jsleeve"]] -= self.g1_sign * self.cone(y)
             out[AT["Jg11"]] += self.g1_sign * self.cone(y)
         return out
@@ -126,11 +125,11 @@ class Car:
         rates, carried = self.chain.accelerate(y[:N], y[N:ANGLE], self.torques(y), extra, held)
         return rates, dict(zip(held, carried, strict=True))
 
-    def sleeve_net(self, y: np.ndarray, carried: float) -> tuple[float, float]:
+    def sleeve_net(self, y: np.ndarray) -> tuple[float, float]:
         """Return the force on the sleeve without dry friction, and that friction's size."""
         push = self.circuit.shift_force(y[OIL : OIL + N_STATE])
         net = push - self.sleeve.back(y[X])
-        return net, self.sleeve.dry(y[X], push, self.moving > 0.0, carried)
+        return net, self.sleeve.dry(y[X], push, self.moving > 0.0)
 
     def rates(self, _t: float, y: np.ndarray) -> np.ndarray:
         """Return dy/dt in the present modes."""
@@ -153,14 +152,13 @@ class Car:
         out[EM1], out[EM1 + 1] = self.em1.rates(y[EM1], y[EM1 + 1], y[AT["Jm1"]])
         out[EM2], out[EM2 + 1] = self.em2.rates(y[EM2], y[EM2 + 1], y[AT["Jm2"]])
         if not self.stopped:
-            net, dry = self.sleeve_net(y, carried.get("G1", 0.0))
+            net, dry = self.sleeve_net(y)
             p = self.sleeve.p
             out[X] = velocity
             out[V] = (net - p.damping * velocity - self.moving * dry) / p.mass
-        if self.stopped == "ring" and self.g1 == "held cone":
+        if self.stopped == "ring" and self.g1_held:
             push = self.circuit.shift_force(oil)
             out[RING] = self.sleeve.ring_rate(push, -self.g1_sign * carried["G1"])
-        out[PLACE] = self.gear_slip(y)
         return out
 
     # -- what ends a stretch
@@ -205,32 +203,17 @@ class Car:
         return abs(carried["C1"]) - self.plates.holding(self.pack_force(y), y[PLATES])
 
     def _gear_crossings(self) -> list[Crossing]:
-        if self.g1 == "cone":
+        if not self.g1_held:
             return [Crossing("cone slip", lambda t, y: -self.g1_sign * self.gear_slip(y))]
-        half = self.sleeve.p.half_clearance
-        if self.g1 == "held cone":
-            return [
-                Crossing("cone lets go", lambda t, y: abs(self.motion(y)[1]["G1"]) - self.cone(y))
-            ]
-        if self.g1 == "play":
-            return [
-                Crossing("dogs touch", lambda t, y: y[PLACE] - half),
-                Crossing("dogs touch behind", lambda t, y: -y[PLACE] - half),
-            ]
-        return [Crossing("dogs part", lambda t, y: self.motion(y)[1]["G1"] * self.side)]
+        return [Crossing("cone lets go", lambda t, y: abs(self.motion(y)[1]["G1"]) - self.cone(y))]
 
     def _sleeve_crossings(self) -> list[Crossing]:
-        if self.sleeve is None:
-            return []
-        p = self.sleeve.p
         if self.stopped == "ring":
             return [Crossing("ring turned", lambda t, y: y[RING] - 1.0)]
         if self.stopped:
             return [Crossing("sleeve leaves", self._urge)]
         found = [Crossing("sleeve stops", lambda t, y: -self.moving * y[V])]
         if self.moving > 0.0:
-            found.append(Crossing("dogs enter", lambda t, y: y[X] - p.dog_position))
-            found.append(Crossing("sleeve at end", lambda t, y: y[X] - p.end_position))
             found.append(Crossing("sleeve at ring", lambda t, y: self._at_ring(y)))
         return found
 
@@ -240,10 +223,7 @@ class Car:
 
     def _urge(self, _t: float, y: np.ndarray) -> float:
         """Return by how much the force on a resting sleeve exceeds its friction."""
-        carried = self.motion(y)[1].get("G1", 0.0) if self.g1 == "held dogs" else 0.0
-        net, dry = self.sleeve_net(y, carried)
-        if self.stopped == "end":
-            net = min(net, 0.0)
+        net, dry = self.sleeve_net(y)
         return abs(net) - dry
 
     # -- what changes then
@@ -269,7 +249,7 @@ class Car:
                 y[at], y[at + 1] = math.copysign(1.0, y[at]), 0.0
         elif name.startswith("C1"):
             self._change_c1(name, y)
-        elif name.startswith(("cone", "dogs")):
+        elif name.startswith("cone"):
             self._change_gear(name, y)
         else:
             self._change_sleeve(name, y)
@@ -285,50 +265,24 @@ class Car:
         self.c1_sign = -1.0 if torque > 0.0 else 1.0
 
     def _change_gear(self, name: str, y: np.ndarray) -> None:
-        if name in ("cone slip", "cone lets go"):
-            self.g1 = "held cone"
-            torque = self.motion(y)[1]["G1"]
-            if abs(torque) > self.cone(y) or name == "cone lets go":
-                self.g1 = "cone"
-                self.g1_sign = -1.0 if torque > 0.0 else 1.0
-                if self.stopped == "ring":
-                    y[RING] = 0.0
-        elif name == "dogs enter":
-            place = (y[PLACE] / self.sleeve.pitch + 0.5) % 1.0 - 0.5
-            y[PLACE] = place * self.sleeve.pitch
-            if abs(y[PLACE]) > self.sleeve.p.half_clearance:
-                raise ValueError(f"the dogs meet tooth on tooth: {y[PLACE]:.4f} rad off the gap")
-            self.g1 = "play"
-        elif name == "dogs part":
-            self.g1 = "play"
-        else:
-            self.side = 1.0 if name == "dogs touch" else -1.0
-            y[PLACE] = self.side * self.sleeve.p.half_clearance
-            self.g1 = "held dogs"
-            self._strike(y)
-
-    def _strike(self, y: np.ndarray) -> None:
-        """Let sleeve and gear go on together: an impulse between them, and at a stuck C1."""
-        mass = self.chain.inertia.copy()
-        mass[0] += self.pistons.inertia(y[ANGLE])[0]
-        rows = np.array([self.chain.pair[name] for name in self.held()])
-        impulse = np.linalg.solve(rows / mass @ rows.T, rows @ y[:N])
-        y[:N] -= (impulse @ rows) / mass
+        self.g1_held = True
+        torque = self.motion(y)[1]["G1"]
+        if abs(torque) > self.cone(y) or name == "cone lets go":
+            self.g1_held = False
+            self.g1_sign = -1.0 if torque > 0.0 else 1.0
+            if self.stopped == "ring":
+                y[RING] = 0.0
 
     def _change_sleeve(self, name: str, y: np.ndarray) -> None:
         if name == "sleeve at ring":
             self.stopped, y[V] = "ring", 0.0
             y[X] = self.sleeve.p.blocking_position
             return
-        if name == "sleeve at end":
-            self.stopped, y[V] = "end", 0.0
-            y[X] = self.sleeve.p.end_position
-            return
         y[V] = 0.0
         if name == "ring turned":
             y[RING] = 1.0
         self.stopped = "friction"
         if self._urge(0.0, y) > 0.0 or name == "sleeve leaves":
-            net, _ = self.sleeve_net(y, 0.0)
+            net, _ = self.sleeve_net(y)
             self.moving = 1.0 if net > 0.0 else -1.0
             self.stopped = ""

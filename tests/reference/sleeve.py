@@ -1,4 +1,4 @@
-"""The sleeve on its way to G1: notches, struts, ring, dogs, stops; forces and what the cone carries."""
+"""The sleeve on its way to G1, up to the dogs: notch, struts, ring; what the cone carries."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ class Sleeve:
         steep, mu = math.tan(p.ring_chamfer_angle), p.chamfer_friction
         self.index_lever = p.dog_radius * (1.0 - mu * steep) / (steep + mu)
         self.cone = p.cone_friction * p.cone_radius * p.cones_g1 / math.sin(p.cone_angle)
-        self.pitch = 2.0 * math.pi / p.dog_teeth
 
     def struts(self, s: float) -> float:
         """Return what the struts press the ring with, N."""
@@ -28,27 +27,21 @@ class Sleeve:
         return _notch(p.strut_force, p.strut_position, p.blocking_position - p.strut_position, s)
 
     def back(self, s: float) -> float:
-        """Return the force of all notches back towards the centre, N."""
+        """Return the force of notch and struts back towards the centre, N."""
         p = self.p
-        begin = p.end_position - p.engaged_width
-        back = _notch(p.neutral_force, 0.0, p.neutral_width, s) + self.struts(s)
-        return back - _notch(p.engaged_force, begin, p.engaged_width, s)
+        return _notch(p.neutral_force, 0.0, p.neutral_width, s) + self.struts(s)
 
-    def dry(self, s: float, push: float, outward: bool, dogs: float) -> float:
-        """Return the dry friction, N; ``dogs`` is the torque that the dogs carry."""
+    def dry(self, s: float, push: float, outward: bool) -> float:
+        """Return the dry friction ahead of the dogs, N."""
         p = self.p
         size = p.guide_friction
-        if s > p.dog_position:
-            size += p.dog_friction / p.dog_radius * abs(dogs)
-        elif s >= p.blocking_position and outward and push > 0.0:
+        if s >= p.blocking_position and outward and push > 0.0:
             size += p.flight_share * push
         return float(size)
 
     def ring_force(self, s: float, push: float, ring: float) -> float:
         """Return what presses the cone, N."""
         p = self.p
-        if s > p.dog_position:
-            return 0.0
         if s < p.blocking_position:
             return self.struts(s)
         if ring < 1.0:

@@ -1,7 +1,8 @@
-"""One switch from series to parallel in first gear, by valve currents and torque requests alone.
+"""Parts of a switch from series to parallel in first gear, by valve currents and torque requests alone.
 
-C1 opens, EM1 brings the input shaft near G1's speed, the sleeve goes in, C1 closes and locks.  Every
-command holds for whole milliseconds, so that any simulation can be given the very same ones.
+In both C1 opens and EM1 brings the input shaft near G1's speed.  Then C1 closes and locks, or the sleeve
+synchronises G1 and turns the ring out of its way.  Every command holds for whole milliseconds, so that any
+simulation can be given the very same ones.
 """
 
 from __future__ import annotations
@@ -10,13 +11,12 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from reference.car import ANGLE, CHARGE, EM1, EM2, OIL, PLACE, PLATES, SIZE, Car, V
+from reference.car import ANGLE, CHARGE, EM1, EM2, OIL, PLATES, SIZE, Car, V
 from reference.hybrid import Stretch
 from reference.mechanics import AT, N
 from reference.oil import CLUTCH, PISTON, PUMP, SPOOL, SUPPLY
 
 PERIOD = 1e-3
-SHIFT = np.inf  # s
 COMMANDS = (
     "clutch_current", "shift_current1", "shift_current2", "pump",
     "engine_torque", "em1_torque", "em2_torque",
@@ -27,7 +27,18 @@ SIGNALS = (
     "sleeve_position", "em1_torque", "em2_torque", "clutch_heat", "plate_temperature",
 )  # fmt: skip
 # What is tested by level at the start of a stretch, not only by crossing.
-_LEVELS = ("leaves", "releases", "lets go", "part")
+_LEVELS = ("leaves", "releases", "lets go")
+
+
+class Manoeuvre(NamedTuple):
+    """What is asked: length s, start of the shift s, torque of EM2 N m."""
+
+    end: float
+    shift: float
+    em2: float
+
+
+MANOEUVRES = {"close": Manoeuvre(0.75, np.inf, 60.0), "shift": Manoeuvre(0.26, 0.2, 0.0)}
 
 
 class Start(NamedTuple):
@@ -40,7 +51,6 @@ class Start(NamedTuple):
     temperature: float = 353.15
     supply_pressure: float = 5e6
     clutch_pressure: float = 8e5
-    gear_angle: float = -0.0346  # of the sleeve against G1, so that tooth meets gap
 
 
 class Run(NamedTuple):
@@ -67,9 +77,9 @@ def holding_current(car: Car, valve: int, pressure: float, supply: float) -> flo
     return float(0.5 * (1.0 + spool) * v.full_current)
 
 
-def commands(car: Car, start: Start, end: float = 0.75) -> np.ndarray:
+def commands(car: Car, start: Start, asked: Manoeuvre) -> np.ndarray:
     """Return the commands of every millisecond, shape (ms, len(COMMANDS))."""
-    count = round(end / PERIOD)
+    count = round(asked.end / PERIOD)
     out = np.zeros((count, len(COMMANDS)))
     t = PERIOD * np.arange(count)
     clutch = car.circuit.valves[0].full_current
@@ -82,10 +92,10 @@ def commands(car: Car, start: Start, end: float = 0.75) -> np.ndarray:
         [hold(0, start.clutch_pressure), 0.0, clutch, hold(0, 1.9e5)],
         np.interp(t, [0.52, 0.8], [hold(0, 1.9e5), hold(0, 6.5e5)]),
     )
-    out[:, 1] = np.where(t >= SHIFT, hold(1, 11e5), 0.0)
+    out[:, 1] = np.where(t >= asked.shift, hold(1, 11e5), 0.0)
     out[:, 4] = np.interp(t, [0.0, 0.02, 0.05, 0.8, 0.9], [12.0, 12.0, 0.0, 0.0, 30.0])
     out[:, 5] = np.interp(t, [0.06, 0.08, 0.155, 0.175], [-9.0, -14.0, -14.0, 0.0])
-    out[:, 6] = 60.0
+    out[:, 6] = asked.em2
     return out
 
 
@@ -115,7 +125,6 @@ def initial(car: Car, start: Start) -> np.ndarray:
     across("g1", "Jg12", "Jg11")
     across("g2", "Jg22", "Jg21")
     y[ANGLE], y[CHARGE], y[PLATES] = start.crank_angle, start.charge, start.temperature
-    y[PLACE] = start.gear_angle
     oil = y[OIL:]
     c = car.circuit.p.clutch
     oil[SUPPLY], oil[CLUTCH], oil[PUMP] = start.supply_pressure, start.clutch_pressure, 0.0
@@ -214,5 +223,5 @@ def tolerances() -> np.ndarray:
     out[OIL + PISTON], out[OIL + PUMP] = 1e-13, 1e-8
     out[OIL + SPOOL : OIL + SPOOL + 6] = [1e-10, 1e-8] * 3
     out[EM1 : EM2 + 2] = 1e-8
-    out[EM2 + 2 :] = [1e-13, 1e-10, 1e-10, 1e-9, 1e-7]
+    out[EM2 + 2 :] = [1e-13, 1e-10, 1e-10, 1e-7]
     return out
