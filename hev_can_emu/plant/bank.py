@@ -47,6 +47,8 @@ class Bank(NamedTuple):
             integral of every port's and lock's speed over the step; with dampers, then every
             branch's rate half way through the step.
         held_torque: shape (r, m, nx+nu), rows giving each held lock's friction torque.
+        held_columns: shape (r, 1, nx+nu, m), the last two filled up to multiples of four: the same
+            stored by columns, for all locks at once.
         body_rate: shape (r, nx+nu), row giving the body's angular acceleration.
         project: shape (r, n, n), speeds onto the configuration, momentum kept.
         remap: shape (6, 6, q, q), twists when the driving configuration changes.
@@ -62,6 +64,7 @@ class Bank(NamedTuple):
     levels: int
     flow: Array
     held_torque: Array
+    held_columns: Array
     body_rate: Array
     project: Array
     remap: Array
@@ -214,6 +217,8 @@ def build_bank(
                 held_torque[row, held] = _held_torques(variant, configuration, held)
                 # A held lock's own friction input is the result, not a cause.
                 held_torque[row][:, [nx + ports + lock for lock in held]] = 0.0
+    columns = np.zeros((count, 1, _whole(nx + nu), _whole(m)))
+    columns[:, 0, : nx + nu, :m] = np.swapaxes(held_torque, 1, 2)
     basis = structure.basis
     places, factors = sparse_rows(np.vstack([structure.ports, structure.locks]))
     return Bank(
@@ -221,6 +226,7 @@ def build_bank(
         levels=levels,
         flow=flow,
         held_torque=held_torque,
+        held_columns=columns,
         body_rate=body_rate,
         project=project,
         remap=np.ascontiguousarray(structure.twist_remap),

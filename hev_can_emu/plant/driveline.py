@@ -34,6 +34,7 @@ from hev_can_emu.plant.holding import (
     SIGN,
     TOUCHED,
     UNRESOLVED,
+    any_overloaded,
     overloaded,
     record,
     release,
@@ -111,6 +112,17 @@ def _book(u: Array, nx: int, locks: int, pistons: float, after: Array, books: Ar
     books[teeth.CRANK_WORK] += pistons * turned
 
 
+@kernel
+def _join(x: Array, u: Array, nx: int, z: Array) -> None:
+    """``z = [x; u]``, filled up with zeros."""
+    for i in range(nx):
+        z[i] = x[i]
+    for i in range(u.shape[0]):
+        z[nx + i] = u[i]
+    for i in range(nx + u.shape[0], z.shape[0]):
+        z[i] = 0.0
+
+
 @inlined_kernel
 def step(
     bank: Bank,
@@ -157,7 +169,8 @@ def step(
     rows = bank.speeds.shape[1]
     before_speeds = trial[nz + count : nz + count + rows]
     after_speeds = trial[nz + count + rows : nz + count + 2 * rows]
-    rates = trial[nz + count + 2 * rows :]
+    torques = trial[nz + count + 2 * rows : nz + count + 2 * rows + bank.held_columns.shape[3]]
+    rates = trial[nz + count + 2 * rows + bank.held_columns.shape[3] :]
     pistons = 0.0
     engine_torque = u[ENGINE]
     toothed = extras is not None
@@ -193,11 +206,22 @@ def step(
                     n_events = record(state, t_ns, LOCKED, lock, 0.0, events, n_events)
                 else:
                     slide(state, u, kinetic, books, lock, toothed)
+    holding = False
     for lock in range(m):
-        if state[HELD + lock] == 1 and overloaded(held, x, u, state, static, books, lock, toothed):
-            n_events = release(
-                bank, x, state, u, kinetic, static, books, lock, extras, t_ns, events, n_events
-            )
+        if state[HELD + lock] == 1:
+            holding = True
+    if holding:
+        _join(x, u, nx, z)
+        combine(bank.held_columns, state[ROW], 0, z, torques)
+        if any_overloaded(torques, state, static, books, m, toothed):
+            for lock in range(m):
+                if state[HELD + lock] == 1 and overloaded(
+                    held, x, u, state, static, books, lock, toothed
+                ):
+                    n_events = release(
+                        bank, x, state, u, kinetic, static, books, lock, extras, t_ns, events,
+                        n_events,
+                    )  # fmt: skip
 
     position = 0
     happened = 0
@@ -206,12 +230,7 @@ def step(
         while (position & ((1 << level) - 1)) != 0 or position + (1 << level) > units:
             level -= 1
         row = state[ROW]
-        for i in range(nx):
-            z[i] = x[i]
-        for i in range(nu):
-            z[nx + i] = u[i]
-        for i in range(nx + nu, z.shape[0]):
-            z[i] = 0.0
+        _join(x, u, nx, z)
         combine(flow, row, level, z, after)
         length = 0.0
         if extras is not None:
@@ -223,13 +242,18 @@ def step(
                 u[ENGINE] = engine_torque + pistons
         eventful = False
         all_rows(bank.speeds, after, after_speeds)
+        holding = False
         for lock in range(m):
             if state[HELD + lock] == 1:
-                if overloaded(held, after, u, state, static, books, lock, toothed):
-                    eventful = True
+                holding = True
             elif (
                 kinetic[lock] > 0.0 and after_speeds[N_PORTS + lock] * state[SIGN + lock] < -_STILL
             ):
+                eventful = True
+        if holding:
+            _join(after, u, nx, z)
+            combine(bank.held_columns, row, 0, z, torques)
+            if any_overloaded(torques, state, static, books, m, toothed):
                 eventful = True
         if extras is not None:
             if any_dogs_meet(at, by, after, nx, state, books):

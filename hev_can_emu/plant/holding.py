@@ -157,6 +157,23 @@ def try_to_hold(
 
 
 @kernel
+def must_go(
+    torque: float, state: Integers, static: Array, books: Array, lock: int, toothed: bool
+) -> bool:
+    """Return whether a held lock that carries ``torque`` N m must let go.
+
+    Beyond its static capacity, or dogs at an end of their play that would pull.
+    """
+    if np.isinf(static[lock]):
+        if not toothed or lock not in (G1, G2) or not books[teeth.HALF + lock - G1] > 0.0:
+            return False
+        return bool(torque * state[SIDE + lock - G1] > 0.0)
+    if static[lock] <= 0.0:
+        return True
+    return bool(abs(torque - pair_torque(books, lock, toothed)) > static[lock])
+
+
+@kernel
 def overloaded(
     held: Array,
     x: Array,
@@ -167,20 +184,20 @@ def overloaded(
     lock: int,
     toothed: bool,
 ) -> bool:
-    """Return whether a held lock must let go: beyond its static capacity, or dogs that would pull.
+    """Return whether a held lock must let go at ``x``; ``held`` is the bank's ``held_torque``."""
+    torque = held_torque(held, x, u, state[ROW], lock)
+    return must_go(torque, state, static, books, lock, toothed)
 
-    ``held`` is the bank's ``held_torque``.
-    """
-    if np.isinf(static[lock]):
-        if not toothed or lock not in (G1, G2) or not books[teeth.HALF + lock - G1] > 0.0:
-            return False
-        torque = held_torque(held, x, u, state[ROW], lock)
-        # At an end of their play dogs push only.
-        return bool(torque * state[SIDE + lock - G1] > 0.0)
-    if static[lock] <= 0.0:
-        return True
-    torque = held_torque(held, x, u, state[ROW], lock) - pair_torque(books, lock, toothed)
-    return bool(abs(torque) > static[lock])
+
+@kernel
+def any_overloaded(
+    torques: Array, state: Integers, static: Array, books: Array, locks: int, toothed: bool
+) -> bool:
+    """Return whether any held lock must let go, for the torques of all of them."""
+    for lock in range(locks):
+        if state[HELD + lock] == 1 and must_go(torques[lock], state, static, books, lock, toothed):
+            return True
+    return False
 
 
 @kernel
