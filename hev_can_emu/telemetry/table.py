@@ -162,10 +162,13 @@ def _encode_rows(
     t_ns: npt.NDArray[np.int64],
     counters: npt.NDArray[np.int64],
     frames: npt.NDArray[np.void],
+    ignored: npt.NDArray[np.float64],
 ) -> Any:
-    """Encode every message of which a row has a signal; return how many frames that made."""
+    """Encode every message of which a row has a signal; return how many frames that made.
+
+    ``ignored`` is scratch, as long as a row.
+    """
     made = 0
-    ignored = np.empty(values.shape[1])
     for row in range(values.shape[0]):
         for message in range(codec.messages.shape[0]):
             first = codec.messages[message, M_FIRST]
@@ -212,6 +215,6 @@ class RowEncoder:
         frames = make_frames(max(len(rows.t_ns) * len(self._missing), 1))
         count = _encode_rows(
             self._codec, self._protection, self._missing, rows.values, rows.filled, rows.t_ns,
-            self._counters, frames,
+            self._counters, frames, np.empty(rows.values.shape[1]),
         )  # fmt: skip
         return frames[: int(count)].copy()
