@@ -8,6 +8,11 @@ from xml.etree import ElementTree as Tree
 
 import pytest
 
+from hev_can_emu.jit import cache_home
+
+# Found before pytester moves HOME: kernels are not compiled anew in its runs.
+CACHE = cache_home().parent
+
 pytest_plugins = ["pytester"]
 
 GOOD = """\
@@ -27,7 +32,8 @@ BAD = GOOD.replace("matrix: {torque: [50 Nm, 100 Nm]}\n", "").replace("> 0.9", "
 
 
 @pytest.fixture
-def project(pytester: pytest.Pytester) -> pytest.Pytester:
+def project(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> pytest.Pytester:
+    monkeypatch.setenv("HEV_CAN_EMU_CACHE", str(CACHE))
     folder = pytester.mkdir("scenarios")
     (folder / "good.yaml").write_text(GOOD)
     (folder / "settings.yaml").write_text("version: 1\nduration_of_lunch: 1 h\n")

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from hev_can_emu.jit import cache_home
+
 # One worker builds and installs the wheel once for all tests of this file.
 pytestmark = [pytest.mark.wheel, pytest.mark.xdist_group("wheel")]
 
@@ -51,9 +53,9 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def kernels(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """One cache of compiled kernels for all commands of this file."""
-    return str(tmp_path_factory.mktemp("kernels"))
+def kernels() -> str:
+    """The checkout's cache of compiled kernels, which the same code elsewhere can use, too."""
+    return str(cache_home().parent)
 
 
 def environment(bin_folder: Path, scratch: Path, **changes: str) -> dict[str, str]:
