@@ -148,6 +148,8 @@ def _in_lockstep(arguments: argparse.Namespace, setup: Setup) -> int:
     from hev_can_emu.runtime.recording import Recording
     from hev_can_emu.telemetry.recorder import check_path
 
+    if arguments.dtc_store is not None:
+        raise InputError("--dtc-store", "the wall's clock", "--clock lockstep")
     if arguments.duration is None:
         raise InputError(
             "--duration", "a time, with --clock lockstep", "none", "e.g. --duration 60"

@@ -14,6 +14,7 @@ from hev_can_emu.ecu.faults import BUS_FAULTS, CATALOGUE
 from hev_can_emu.errors import InputError
 from hev_can_emu.messages.frame import frame
 from hev_can_emu.runtime.emulator import Emulator
+from hev_can_emu.runtime.fault_show import as_markdown, show
 from hev_can_emu.runtime.setup import Setup, prepared_faults
 
 
@@ -22,11 +23,12 @@ def page(repository: Path) -> str:
     return (repository / "docs" / "faults.md").read_text()
 
 
-def test_the_shipped_file_has_every_kind() -> None:
+def test_the_table_is_what_a_client_sees(page: str) -> None:
     faults, _ = prepared_faults(Setup())
     # The others need a bus with bit times.
     kinds = {kind.name for kind in CATALOGUE.values() if kind.spec not in BUS_FAULTS}
     assert {fault.kind for fault in faults} == kinds
+    assert as_markdown(show(faults)) in page
 
 
 def test_the_program_runs(page: str, capsys: pytest.CaptureFixture[str]) -> None:
