@@ -14,7 +14,7 @@ from typing import Any
 
 import cantools.database.can
 
-from hev_can_emu.errors import InputError
+from hev_can_emu.errors import InputError, did_you_mean
 from hev_can_emu.messages.dbc_attributes import (
     MOST,
     attribute,
@@ -66,6 +66,11 @@ def read_messages(
         raise InputError(source.where(1), FORMAT, f"'{first}'")
     database = _parse(source)
     definitions = database.dbc.attribute_definitions if database.dbc else {}
+    names = [entry.name for entry in database.messages]
+    for name in leave_out:
+        if name not in names:
+            hint = did_you_mean(name, names)
+            raise InputError(str(source.path), "the message to leave out", f"no '{name}'", hint)
     messages: list[MessageDef] = []
     first_signal = 0
     ids: dict[tuple[int, bool], str] = {}

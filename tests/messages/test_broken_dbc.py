@@ -119,6 +119,18 @@ def test_one_line_tells_what_is_wrong(tmp_path: Path, case: str) -> None:
     assert str(caught.value) == f"{path}{expected}"
 
 
+def test_messages_are_left_out_by_name(tmp_path: Path) -> None:
+    path = tmp_path / "net.dbc"
+    path.write_bytes(CASES["overlap"][0])
+    assert load_database(path, ["M"]).messages == ()
+    with pytest.raises(InputError) as caught:
+        load_database(path, ["m"])
+    assert (
+        str(caught.value)
+        == f"{path}: expected the message to leave out, got no 'm'; did you mean 'M'?"
+    )
+
+
 def test_missing_file_and_folder(tmp_path: Path) -> None:
     for path in (tmp_path / "none.dbc", tmp_path):
         with pytest.raises(InputError, match="expected a readable DBC file, got"):
