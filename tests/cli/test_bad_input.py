@@ -88,7 +88,7 @@ def complaint(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
         ((*PLAY, "serie_parallel"), "did you mean 'series_parallel'"),
         (
             (*PLAY, "good.yaml", "--clock", "sun"),
-            "--clock: expected one of virtual, wall, got 'sun'",
+            "--clock: expected one of virtual, wall, lockstep, got 'sun'",
         ),
         (
             (*PLAY, "good.yaml", "--clock", "virtual", "--bus", "loopback"),

@@ -20,6 +20,8 @@ from hev_can_emu.messages.named import NamedCodec
 from hev_can_emu.messages.transmit_set import TransmitSet
 
 logging.getLogger("cantools").setLevel(logging.CRITICAL)
+# One worker for the whole file: its last test counts what the others did.
+pytestmark = pytest.mark.xdist_group("codec")
 COUNTED: Counter[str] = Counter()
 QUICK = settings(
     max_examples=60,

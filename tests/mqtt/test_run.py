@@ -77,6 +77,7 @@ def test_a_car_is_told_of_obeys_and_says_that_it_leaves(tmp_path: Path) -> None:
             name = ear.until("/response/fault/inject").body["name"]
             begun = ear.until("/event/fault", lambda b: "begins" in b["text"]).body
             assert begun["text"] == f"{name} begins"
+            ear.until("/HEV/FaultsActive", lambda body: body["value"] == 1)
             ear.ask(VIN, "fault/inject", {"inject": {"fault": "drp", "message": "EMS_Status"}})
             refused = ear.until("/response/fault/inject", lambda b: not b["ok"]).body["error"]
             assert refused.startswith(
