@@ -45,7 +45,9 @@ REASONS = (
     Reason("below its range", ports.REQUEST_RANGE, 0x84),  # signal below allowable range
     Reason("above its range", ports.REQUEST_RANGE, 0x85),  # signal above allowable range
     Reason("not available", ports.REQUEST_NOT_AVAILABLE, 0x86),  # signal invalid
-    Reason("changed too fast", ports.REQUEST_SLEW, 0x27),  # rate of change above threshold
+    Reason(
+        "changed too fast", ports.REQUEST_CHANGED_TOO_FAST, 0x27
+    ),  # rate of change above threshold
     Reason("implausible", ports.REQUEST_IMPLAUSIBLE, 0x64),  # signal plausibility failure
 )
 N_REASONS = len(REASONS)

@@ -32,7 +32,7 @@ class Trial:
         unnamed_messages: messages without bindings: neither sent nor received.
         unbound_signals: signals of bound messages that carry no port, with what is sent for them.
         unbound_requests: request ports that no signal carries, with their meanings; those of external
-            units are left out.
+            units and of testers are left out.
         unbound_statuses: names of the status ports that no signal carries.
         unsupervised: request messages whose loss nobody would notice.
         received: messages that are taken from the bus.
@@ -59,10 +59,11 @@ class Trial:
             for signal in message.signals
             if signal.index not in bound and not _is_protection(message, signal)
         ]
+        optional = {ports.REQUESTS[port].name for port in ports.TESTER_REQUESTS}
         self.unbound_requests = [
             f"{port.name}: {port.meaning}"
             for port in _unbound(ports.REQUESTS, ties.rx_port)
-            if not port.name.startswith("external_")
+            if not port.name.startswith("external_") and port.name not in optional
         ]
         self.unbound_statuses = [port.name for port in _unbound(ports.STATUSES, ties.tx_port)]
         self.received = [m for m in messages if _asks(ties, m.index)]

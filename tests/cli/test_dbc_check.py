@@ -126,7 +126,7 @@ signals without a port, and what is sent for them (2)
     )
     assert "requests that no signal carries (22)\n  engine_torque_request: torque at" in out
     assert "requests without supervision (1)\n  Cmd\n" in out
-    assert "statuses that no signal carries (94)\n  engine_speed, engine_torque, " in out
+    assert "statuses that no signal carries (96)\n  engine_speed, engine_torque, " in out
     assert (
         """
 sent in the first second, ignition on: 50 frames
@@ -145,7 +145,7 @@ def test_the_shipped_network_has_nothing_to_complain_of(
     code, out, err = check(capsys, str(ROOT / "dbc" / "hev.dbc"))
     assert (code, err) == (0, "")
     head, _, rest = out.partition("\n\n")
-    assert head.endswith("hev.dbc: 31 messages, 174 signals, 9 nodes")
+    assert head.endswith("hev.dbc: 31 messages, 176 signals, 9 nodes")
     assert rest.startswith("sent in the first second, ignition on: 14")
 
 

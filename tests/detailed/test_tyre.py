@@ -160,7 +160,7 @@ class Driven:
     def __init__(self, repository, slip=SLIP):
         parameters = load_driveline(str(repository / "vehicles" / "dai2024.yaml"))
         self.structure = geared(parameters, RearAxle(inertia=2.1, stiffness=15844.0, damping=30.4))
-        self.bank = build_bank(self.structure, 5e-5, 0, travel=True)
+        self.bank = build_bank(self.structure, 5e-5, 0, travel=True, dampers=True)
         self.extras = teeth.build_extras(self.structure, self.bank, np.zeros(0), {}, True)
         self.slip = tyre.build_tyre_slip(self.structure, slip, parameters.tyre_radius)
         n, m = self.structure.n, len(self.structure.locks)
