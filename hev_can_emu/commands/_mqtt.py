@@ -11,7 +11,7 @@ from hev_can_emu.errors import InputError
 
 if TYPE_CHECKING:
     from hev_can_emu.runtime.emulator import Emulator, Event
-    from hev_can_emu.runtime.playing import RunResult
+    from hev_can_emu.runtime.playing import Playing, RunResult
     from hev_can_emu.runtime.remote import Remote
     from hev_can_emu.runtime.service import Service, Watcher
     from hev_can_emu.telemetry.mqtt_address import Address
@@ -124,10 +124,11 @@ class MqttSide:
         """Whether there is anything to do."""
         return self._link is not None
 
-    def began(self, name: str) -> None:
-        """Leave that a scenario has begun."""
+    def began(self, playing: Playing) -> None:
+        """Leave that a scenario has begun, and from now on what is decided of it."""
         if self._remote is not None:
-            self._remote.publisher.began(name)
+            self._remote.publisher.began(playing.scenario.name)
+            self._remote.playing = playing
 
     def ended(self, result: RunResult) -> None:
         """Leave how a scenario ended."""

@@ -281,7 +281,7 @@ def _run(
     recording = Recording(emulator, [out / name for name in files] if out else [], epoch_ns)
     sinks = recording.sinks if log is None else [*recording.sinks, log.add]
     mqtt = MqttSide(arguments, emulator, None if bus is None else epoch_ns, _say)
-    mqtt.began(playing.scenario.name)
+    mqtt.began(playing)
     if mqtt.on and bus is None:
         sinks = [*sinks, lambda _frames, _count: mqtt.look()]
     started = time.monotonic()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterable
 from importlib.metadata import version
 from typing import Any
 
@@ -64,6 +65,7 @@ class Publisher:
 
     def __init__(self, emulator: Emulator, link: Link, epoch_ns: int | None) -> None:
         self._link = link
+        self._decided: set[tuple[str, str, str, int | None]] = set()
         self.follow(emulator, epoch_ns)
 
     def follow(self, emulator: Emulator, epoch_ns: int | None) -> None:
@@ -88,14 +90,23 @@ class Publisher:
 
     def began(self, name: str) -> None:
         """Leave that a scenario has begun."""
+        self._decided.clear()
         body = self._stamped(self._emulator.now_ns) | {"scenario": name, "state": "running"}
         self._link.happen("scenario/state", body)
 
+    def decided(self, name: str, verdicts: Iterable[Verdict], all_of_them: bool = False) -> None:
+        """Leave the verdicts that have been decided and were not told yet, at the end the others, too."""
+        for verdict in verdicts:
+            key = (verdict.kind, verdict.name, verdict.where, verdict.instant_ns)
+            if key not in self._decided and (all_of_them or verdict.instant_ns is not None):
+                self._decided.add(key)
+                self._link.happen("scenario/verdict", {"scenario": name} | _told(verdict))
+
     def ended(self, result: RunResult) -> None:
-        """Leave how a scenario ended: each verdict, then the whole."""
+        """Leave how a scenario ended: the verdicts that were still open, then the whole."""
+        self.decided(result.name, result.verdicts, all_of_them=True)
         counts: dict[str, int] = {}
         for verdict in result.verdicts:
-            self._link.happen("scenario/verdict", {"scenario": result.name} | _told(verdict))
             word = verdict.outcome.value
             counts[word] = counts.get(word, 0) + 1
         body = self._stamped(self._emulator.now_ns) | {

@@ -10,6 +10,7 @@ from hev_can_emu.ecu.faults import parse
 from hev_can_emu.errors import InputError
 from hev_can_emu.runtime import tick
 from hev_can_emu.runtime.emulator import Emulator
+from hev_can_emu.runtime.playing import Playing
 from hev_can_emu.runtime.publishing import Publisher
 from hev_can_emu.scenario.place import Place
 from hev_can_emu.scenario.signals import Signals
@@ -28,6 +29,7 @@ class Remote:
 
     def __init__(self, emulator: Emulator, link: Link, epoch_ns: int | None) -> None:
         self.publisher = Publisher(emulator, link, epoch_ns)
+        self.playing: Playing | None = None  #: whose verdicts are told as they are decided
         self._link = link
         self._tasks: set[asyncio.Task[None]] = set()
         self._actions: dict[str, Action] = {
@@ -50,6 +52,9 @@ class Remote:
     def look(self) -> None:
         """Leave the statuses as they are now, and do what has been asked for."""
         self.publisher.sample()
+        if self.playing is not None:
+            player = self.playing.player
+            self.publisher.decided(self.playing.scenario.name, player.verdicts())
         for request in self._link.take_requests():
             task = asyncio.create_task(self._handle(request), name="mqtt command")
             self._tasks.add(task)

@@ -75,6 +75,7 @@ class RemoteScenarios:
         self._before = self._service.swap(playing.emulator, playing, self._ended)
         self._follow()
         self._remote.publisher.began(playing.scenario.name)
+        self._remote.playing = playing
         return {"scenario": playing.scenario.name}
 
     async def _stop(self, _: ScenarioStop) -> dict[str, Any]:
@@ -89,6 +90,7 @@ class RemoteScenarios:
         playing, before = self._playing, self._before
         if playing is None or before is None:
             return
+        self._remote.playing = None
         self._remote.publisher.ended(playing.result())
         self._service.swap(before)
         self._playing = self._before = None

@@ -60,6 +60,7 @@ def test_commands_start_and_stop_scenarios(tmp_path: Path, scenarios: Path) -> N
             assert ended["outcome"] == "pass"
             verdicts = [h.body for h in ear.heard if h.topic.endswith("/scenario/verdict")]
             assert {v["name"]: v["outcome"] for v in verdicts}["it moves"] == "pass"
+            assert len({(v["kind"], v["name"]) for v in verdicts}) == len(verdicts)
             # The car of the run goes on as it was: at rest.
             ear.until("/Vehicle/IsMoving", lambda b: b["value"] is False)
 
@@ -67,6 +68,14 @@ def test_commands_start_and_stop_scenarios(tmp_path: Path, scenarios: Path) -> N
             busy = ask("scenario/start", scenario="pull_away")
             assert busy["error"] == ("command/scenario/start: a scenario is running; stop it first")
             ear.until("/ElectricMotor/EM2/Torque", lambda b: b["value"] == 60)
+            # Verdicts are told as they are decided: this scenario has a long way to go.
+            moves = ear.until("/scenario/verdict", lambda b: b["name"] == "it moves").body
+            assert moves["outcome"] == "pass"
+            assert not [
+                h
+                for h in ear.heard
+                if h.topic.endswith("/scenario/state") and h.body["state"] == "ended"
+            ]
             stopped = ask("scenario/stop")
             assert (stopped["ok"], stopped["outcome"]) == (True, "inconclusive")
             assert "no scenario is running" in str(ask("scenario/stop")["error"])
