@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hev_can_emu.ecu.hydraulic_control import HydraulicControlParameters
+from hev_can_emu.ecu.transmission_unit import TUNING
 from hev_can_emu.plant.hydraulic_parameters import (
     ClutchCylinderParameters,
     HydraulicsParameters,
@@ -82,19 +82,4 @@ WET_CLUTCH = WetClutchParameters(
     oil_heat=0.7 * 840.0 * 2100.0,
     still_cooling=5.0,
 )
-CONTROL = HydraulicControlParameters(
-    bandwidth=100.0,
-    integral_time=0.15,
-    integral_share=0.1,
-    fill_share=0.92,
-    touch_time=0.008,
-    touch_margin=3e4,
-    least_capacity=0.5,
-    pressure_share=0.95,
-    shift_bandwidth=4.0,
-    least_force=20.0,
-    standing_speed=0.01,
-    speed_time=0.002,
-    pump_on=4.2e6,
-    pump_off=5.5e6,
-)
+CONTROL = TUNING

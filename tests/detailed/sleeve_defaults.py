@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from hev_can_emu.ecu.shift_control import ShiftControlParameters
+from hev_can_emu.ecu.transmission_unit import SHIFT
 from hev_can_emu.plant.sleeve_parameters import SleeveParameters
 
 SLEEVE = SleeveParameters(
@@ -40,20 +40,4 @@ SLEEVE = SleeveParameters(
     ratchet_share=0.1,
     ratchet_speed=0.5,
 )
-SHIFT_CONTROL = ShiftControlParameters(
-    max_force=2000.0,
-    least_force=50.0,
-    travel_force=700.0,
-    dog_force=800.0,
-    holding_force=200.0,
-    holding_time=0.05,
-    centring_force=250.0,
-    centring_stiffness=1.5e5,
-    centring_damping=1500.0,
-    centre_band=4e-4,
-    speed_time=0.002,
-    timeout=1.0,
-    lost_force_time=0.05,
-    still_time=0.03,
-    still_speed=0.003,
-)
+SHIFT_CONTROL = SHIFT
