@@ -107,21 +107,30 @@ def chamfer_limit(p: Array, place: float) -> float:
 
 
 @kernel
-def _friction(p: Array, s: float, outward: bool, force: float, dogs: float) -> float:
-    """Return the dry friction at travel ``s``, N: guide, rubbing past the ring, flanks of the dogs."""
+def _friction(p: Array, s: float, outward: bool, dogs: float) -> float:
+    """Return the dry friction at travel ``s``, N: of the guide, and of flanks that carry ``dogs`` N m."""
     dry: float = p[P_GUIDE_FRICTION]
-    if s > p[P_DOGS]:
+    if s > p[P_DOGS] or (s == p[P_DOGS] and outward):
         dry += p[P_DOG_HOLD] * dogs
-    elif s >= p[P_BLOCKING] and outward and force > 0.0:
-        dry += p[P_FLIGHT_SHARE] * force
     return dry
+
+
+@kernel
+def _past_ring(p: Array, s: float, outward: bool, push: float) -> float:
+    """Return the share of ``push``, N outward, that is left after rubbing past the ring, 1."""
+    if push > 0.0 and outward and p[P_BLOCKING] <= s < p[P_DOGS]:
+        return float(1.0 - p[P_FLIGHT_SHARE])
+    return 1.0
 
 
 @kernel
 def _turn_ring(
     p: Array, x: Array, side: float, push: float, slip: float, held: float, torque: float
-) -> None:
-    """Let the cone's torque keep the ring in the sleeve's way, or the chamfers turn it out of it."""
+) -> float:
+    """Let the cone's torque keep the ring in the sleeve's way, or the chamfers turn it out of it.
+
+    Return the time of the step that is left once it no longer stands in the way, s.
+    """
     s = side * x[X_POSITION]
     if s < p[P_BLOCKING]:
         x[X_RING] = 0.0
@@ -136,7 +145,12 @@ def _turn_ring(
             # What the cone carries in the direction that blocks works against the chamfers.
             net = push - torque * x[X_BLOCKING_SIGN] / p[P_INDEX_LEVER]
             if net > 0.0:
-                x[X_RING] = min(x[X_RING] + p[P_DT] * p[P_INDEX_RATE] * net, 1.0)
+                missing = (1.0 - x[X_RING]) / (p[P_INDEX_RATE] * net)
+                if missing <= p[P_DT]:
+                    x[X_RING] = 1.0
+                    return float(p[P_DT] - missing)
+                x[X_RING] += p[P_DT] * p[P_INDEX_RATE] * net
+    return float(p[P_DT])
 
 
 @kernel
@@ -145,8 +159,11 @@ def _chamfer_press(
 ) -> float:
     """Return what chamfers press with that take the sleeve along a way and to a speed in one step, N."""
     dt = p[P_DT]
-    dry = _friction(p, s, way >= 0.0, push, 0.0)
-    rest = push - 0.5 * stiffness * way - mean_pull(p, s, way) + (dry if way < 0.0 else -dry)
+    mean = push - 0.5 * stiffness * way
+    outward = way >= 0.0
+    dry = _friction(p, s, outward, 0.0)
+    rest = _past_ring(p, s, outward, mean) * mean - mean_pull(p, s, way)
+    rest += -dry if outward else dry
     return float(rest - p[P_DAMPING] * way / dt - p[P_MASS] * (new - v) / dt)
 
 
@@ -162,10 +179,11 @@ def _press_next(
     this step, which oil that flows keeps up.
     """
     dt, m = p[P_DT], p[P_MASS]
-    dry = _friction(p, s, True, push, 0.0)
-    rest = push - dry - mean_pull(p, s, 0.0) - p[P_DAMPING] * speed
-    rest -= 0.5 * stiffness * (dt * (speed + 0.5 * dt * drift) - way) + m * drift
-    return float(max(rest / (1.0 + p[P_EASE] * (m + 0.25 * stiffness * dt * dt)), 0.0))
+    mean = push - 0.5 * stiffness * (dt * (speed + 0.5 * dt * drift) - way)
+    left = _past_ring(p, s, True, mean)
+    rest = left * mean - _friction(p, s, True, 0.0) - mean_pull(p, s, 0.0)
+    rest -= p[P_DAMPING] * speed + m * drift
+    return float(max(rest / (1.0 + p[P_EASE] * (m + 0.25 * left * stiffness * dt * dt)), 0.0))
 
 
 @kernel
@@ -184,14 +202,17 @@ def _with_chamfers(
     m, dt = p[P_MASS], p[P_DT]
     way = limit - s
     press = _chamfer_press(p, s, v, way, speed, push, stiffness)
-    out[OUT_WORK] += (push - 0.5 * stiffness * way) * way
+    mean = push - 0.5 * stiffness * way
+    outward = way >= 0.0
+    out[OUT_WORK] += mean * way
     out[OUT_ELASTIC] += elastic_change(p, s, limit)
-    out[OUT_FRICTION_LOSS] += _friction(p, s, way >= 0.0, push, 0.0) * abs(way)
+    rubbing = (1.0 - _past_ring(p, s, outward, mean)) * mean
+    out[OUT_FRICTION_LOSS] += (_friction(p, s, outward, 0.0) + rubbing) * abs(way)
     out[OUT_DAMPING_LOSS] += p[P_DAMPING] * way / dt * way
     out[OUT_KINETIC] += 0.5 * m * (speed * speed - v * v)
     x[X_POSITION], x[X_VELOCITY] = side * limit, side * speed
     drift = (speed - v) / dt - p[P_EASE] * x[X_PRESS] if x[X_PRESS] > 0.0 else 0.0
-    x[X_PRESS] = _press_next(p, limit, speed, drift, push - 0.5 * stiffness * way, way, stiffness)
+    x[X_PRESS] = _press_next(p, limit, speed, drift, mean, way, stiffness)
     # The mean of both speeds is not quite that of the way.
     return float(press * way - m * (speed - v) * (0.5 * (speed + v) - way / dt))
 
@@ -205,11 +226,12 @@ def _move(
     force: float,
     stiffness: float,
     dogs: float,
+    remaining: float,
     out: Array,
 ) -> float:
     """Move between two obstacles; return the greatest speed at which one further out was met, m/s."""
     position, velocity = x[X_POSITION], x[X_VELOCITY]
-    start, remaining, m = position, p[P_DT], p[P_MASS]
+    start, m = position, p[P_MASS]
     struck = 0.0
     for _ in range(_SEGMENTS):
         push = force - stiffness * (position - start)
@@ -225,31 +247,43 @@ def _move(
             struck = max(struck, abs(velocity))
             velocity = 0.0
             continue
-        away = position * direction >= 0.0
-        dry = _friction(p, abs(position), away, push * direction, dogs)
-        if velocity == 0.0 and abs(net) <= dry:
+        outward = position * direction >= 0.0
+        s = abs(position)
+        dry = _friction(p, s, outward, dogs)
+        # Past the ring a share of the force rubs: of its mean over the way, as the force falls with it.
+        left = _past_ring(p, s, outward, push * direction)
+        if velocity == 0.0 and abs(net) <= dry + (1.0 - left) * abs(push):
             break
-        drive = push - direction * dry
+        # Where the dogs begin to overlap friction changes: a move ends there.
+        edge = p[P_DOGS] * (1.0 if position > 0.0 else -1.0)
+        if (edge - position) * direction > 0.0 and (limit - edge) * direction > 0.0:
+            limit = edge
         time = remaining
-        way = way_in_time(p, position, velocity, drive, stiffness, time)
         stops = False
-        if velocity != 0.0 and (2.0 * way / time - velocity) * direction <= 0.0:
-            rest = way_to_rest(p, position, velocity, drive, stiffness)
-            if 2.0 * rest / velocity <= time:
-                way, stops, time = rest, True, 2.0 * rest / velocity
+        while True:
+            drive, stiff = left * push - direction * dry, left * stiffness
+            way = way_in_time(p, position, velocity, drive, stiff, time)
+            if velocity != 0.0 and (2.0 * way / time - velocity) * direction <= 0.0:
+                rest = way_to_rest(p, position, velocity, drive, stiff)
+                if 2.0 * rest / velocity <= time:
+                    way, stops, time = rest, True, 2.0 * rest / velocity
+            if left == 1.0 or (push - 0.5 * stiffness * way) * direction >= 0.0:
+                break
+            left, stops, time = 1.0, False, remaining
         arrives = (position + way - limit) * direction >= 0.0
         if arrives:
             way, stops = limit - position, False
         if way == 0.0:
             break
         # The speed that goes with this way: energies are exact however well the way was found.
-        mean = speed_over_way(p, position, velocity, drive, stiffness, way)
+        mean = speed_over_way(p, position, velocity, drive, stiff, way)
         new = 2.0 * mean - velocity
         if arrives:
             time = way / mean
-        out[OUT_WORK] += (push - 0.5 * stiffness * way) * way
+        force_over_way = push - 0.5 * stiffness * way
+        out[OUT_WORK] += force_over_way * way
         out[OUT_ELASTIC] += elastic_change(p, position, position + way)
-        out[OUT_FRICTION_LOSS] += dry * abs(way)
+        out[OUT_FRICTION_LOSS] += dry * abs(way) + (1.0 - left) * force_over_way * way
         out[OUT_DAMPING_LOSS] += p[P_DAMPING] * mean * way
         if stops:
             out[OUT_STOP_LOSS] += 0.5 * m * new * new  # rounding
@@ -302,19 +336,26 @@ def _zone(p: Array, x: Array, s: float) -> int:
 
 
 @kernel
-def _tell(p: Array, x: Array, push: float, out: Array) -> None:
-    """Write what the driveline has to know of the gear on whose side the sleeve stands."""
+def _tell(
+    p: Array, x: Array, push: float, way: float, share: float, before: float, out: Array
+) -> None:
+    """Write what the driveline has to know of the gear on whose side the sleeve stands.
+
+    ``push`` is the mean over this step, ``way`` that of the sleeve in it, outward; for a ``share`` of
+    the step the ring was still pressed by ``before`` N.
+    """
     position = x[X_POSITION]
     s = abs(position)
     gear = 0 if position > 0.0 else 1
     ring = 0.0
     if s <= p[P_DOGS]:
         if s < p[P_BLOCKING]:
-            ring = strut_force(p, s)
+            ring = strut_force(p, s - 0.5 * way)
         elif s == p[P_BLOCKING] and x[X_RING] < 1.0:
             ring = max(push - p[P_GUIDE_FRICTION], 0.0)
         else:
             ring = p[P_FLIGHT_SHARE] * max(push, 0.0)
+        ring += share * (before - ring)
         drag = p[P_FACE_DRAG] * x[X_PRESS]
         if x[X_GRATING] > 0.5:
             drag += p[P_GRATING_DRAG] * max(push, 0.0)
@@ -410,7 +451,7 @@ def sleeve_step(
         told = x[X_TORQUE] * wrap_pitch(place - x[X_ANGLE], p[P_PITCH])
         x[X_ANGLE] = place
     x[X_TORQUE] = 0.0
-    _turn_ring(p, x, side, push - p[P_GUIDE_FRICTION], slip, held, torque)
+    left = _turn_ring(p, x, side, push - p[P_GUIDE_FRICTION], slip, held, torque)
     fast = abs(slip) > p[P_DOG_SLIP]
 
     # Obstacles: the other gear's ring never lets the sleeve pass from this side of the centre.
@@ -423,6 +464,7 @@ def sleeve_step(
             limit = p[P_TIP] if fast and s <= p[P_TIP] else chamfer_limit(p, place)
             dogs_meet = limit < p[P_END]
     pressed = False
+    speed = abs(x[X_VELOCITY])
     away = p[P_SLOPE] * (-slip if place > 0.0 else slip)  # speed at which the chamfers give way
     if fast and s <= p[P_TIP]:
         away = 0.0
@@ -431,9 +473,10 @@ def sleeve_step(
         if x[X_PRESS] > 0.0:
             pressed = _chamfer_press(p, s, v, limit - s, away, push, stiffness) >= 0.0
         elif limit < s:
-            dry = _friction(p, s, v >= 0.0, push, 0.0)
-            drive = push - (dry if v >= 0.0 else -dry)
-            pressed = s + way_in_time(p, s, v, drive, stiffness, p[P_DT]) >= limit
+            dry = _friction(p, s, v >= 0.0, 0.0)
+            part = _past_ring(p, s, v >= 0.0, push)
+            drive = part * push - (dry if v >= 0.0 else -dry)
+            pressed = s + way_in_time(p, s, v, drive, part * stiffness, p[P_DT]) >= limit
     if pressed:
         given = _with_chamfers(p, x, side, limit, away, push, stiffness, out)
         if fast and limit <= s:
@@ -446,7 +489,7 @@ def sleeve_step(
         low, high = -blocking, limit
         if side < 0.0:
             low, high = -limit, blocking
-        struck = _move(p, x, low, high, force, stiffness, abs(torque), out)
+        struck = _move(p, x, low, high, force, stiffness, abs(torque), left, out)
         if dogs_meet and side * x[X_POSITION] == limit:
             if fast and struck > 0.0:
                 given -= _throw_back(p, x, side, slip, out)
@@ -460,7 +503,16 @@ def sleeve_step(
                 now = push - side * stiffness * (x[X_POSITION] - start)
                 x[X_PRESS] = _press_next(p, limit, kept, 0.0, now, 0.0, stiffness)
     s = side * x[X_POSITION]
-    push -= side * stiffness * (x[X_POSITION] - start)
+    # The ring feels the mean of what acted over this step; where it begins or ceases to block, each
+    # force for its part of it.
+    way = s - side * start
+    share = before = 0.0
+    if left < p[P_DT]:
+        share, before = 1.0 - left / p[P_DT], max(push - p[P_GUIDE_FRICTION], 0.0)
+    elif s == blocking and x[X_RING] < 1.0 and way > 0.0:
+        share, before = way / max(speed * p[P_DT], way), strut_force(p, s - 0.5 * way)
+        push -= 0.5 * stiffness * way
+    push -= 0.5 * stiffness * way
     if not fast or push <= 0.0 or s > p[P_DOGS] or s < blocking:
         x[X_GRATING] = 0.0
     if outside and s > p[P_DOGS]:
@@ -474,4 +526,4 @@ def sleeve_step(
         x[X_TORQUE] = -p[P_SLOPE] * x[X_PRESS] if place > 0.0 else p[P_SLOPE] * x[X_PRESS]
     out[OUT_TOOTH_WORK] = -told
     out[OUT_TOOTH_LAG] = given - told
-    _tell(p, x, push if x[X_POSITION] * side >= 0.0 else -push, out)
+    _tell(p, x, push if x[X_POSITION] * side >= 0.0 else -push, way, share, before, out)

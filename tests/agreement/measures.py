@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from pathlib import Path
 from typing import NamedTuple
@@ -88,14 +89,19 @@ def row(step_ns: int, found: Figures) -> str:
 
 
 class ShiftFigures(NamedTuple):
-    """Distances from the reference: instants at which the cone catches and lets go, s; sleeve, m."""
+    """Distances from the reference.
+
+    Of the instants at which the cone catches and lets go until the ring has turned, s; of the sleeve's
+    place all the way, m; of its speed behind the ring, as a share.
+    """
 
     cone: float
     sleeve: float
+    flight: float
 
 
 def shift_figures(run: Run, stored: Stored) -> ShiftFigures:
-    """Return the largest distances of a run up to when the ring has turned."""
+    """Return the largest distances of a run."""
     end = next(at for at, name in stored.events if name == "ring turned")
     told = {"cone slip": driveline.LOCKED, "cone lets go": driveline.RELEASED}
     # While the sleeve is at the centre nothing presses the cone.
@@ -103,14 +109,21 @@ def shift_figures(run: Run, stored: Stored) -> ShiftFigures:
     found = [event for event in changes(run, structure.G1) if event.time < end]
     assert [event.kind for event in found] == [kind for _, kind in expected]
     apart = [abs(event.time - at) for event, (at, _) in zip(found, expected, strict=True)]
-    count = int(end / compute.SAMPLE) + 1
-    way = np.abs(ours(run, "sleeve_position") - stored.signals["sleeve_position"])[:count]
-    return ShiftFigures(max(apart), float(way.max()))
+    place, known = ours(run, "sleeve_position"), stored.signals["sleeve_position"]
+    flight = slice(math.ceil(end / compute.SAMPLE) + 1, None)
+    speed, expected_speed = np.diff(place[flight]), np.diff(known[flight])
+    assert len(speed) >= 10
+    return ShiftFigures(
+        max(apart),
+        float(np.abs(place - known).max()),
+        float(np.abs(speed / expected_speed - 1.0).max()),
+    )
 
 
 def shift_row(step_ns: int, found: ShiftFigures) -> str:
     """Return a row of the page's second table."""
-    return f"| at {step_ns // 1000} us | {1e6 * found.cone:.0f} us | {1e6 * found.sleeve:.1f} um |"
+    cone, way = 1e6 * found.cone, 1e6 * found.sleeve
+    return f"| at {step_ns // 1000} us | {cone:.0f} us | {way:.1f} um | {found.flight:.1e} |"
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import msgspec
 import numpy as np
@@ -205,6 +206,49 @@ def test_free_motion_is_of_second_order():
     assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.05)
     assert errors[1] / errors[2] == pytest.approx(4.0, rel=0.05)
     assert exact < bare.strut_position
+
+
+def test_flight_is_of_second_order_and_the_ring_feels_the_mean_force():
+    m, c, guide, share = SLEEVE.mass, SLEEVE.damping, SLEEVE.guide_friction, SLEEVE.flight_share
+    first, stiffness, time = 400.0, 2e5, 0.0025
+    left = 1.0 - share
+    # m*d'' = left*(first - stiffness*d) - guide - c*d', from rest
+    rest = (left * first - guide) / (left * stiffness)
+    decay, swing = 0.5 * c / m, math.sqrt(left * stiffness / m - (0.5 * c / m) ** 2)
+    turn = swing * time
+    wave = math.cos(turn) + decay / swing * math.sin(turn)
+    exact = rest * (1.0 - math.exp(-decay * time) * wave)
+    speed = rest * math.exp(-decay * time) * (decay**2 + swing**2) / swing * math.sin(turn)
+    ring = share / left * (m * speed + c * exact + guide * time)
+    errors = []
+    for steps in (20, 40, 80):
+        box = Box(1, position=SLEEVE.blocking_position, dt=time / steps)
+        box.x[s.X_RING], box.held = 1.0, 1.0
+        felt = 0.0
+        for _ in range(steps):
+            way = box.travel - SLEEVE.blocking_position
+            box.step(first - stiffness * way, stiffness)
+            felt += box.out[s.OUT_RING_FORCE] * box.dt
+        way = box.travel - SLEEVE.blocking_position
+        errors.append((abs(way - exact), abs(felt - ring)))
+        closed(box)
+    assert exact < SLEEVE.tip_position - SLEEVE.blocking_position
+    for coarse, fine in pairwise(errors):
+        assert coarse[0] / fine[0] == pytest.approx(4.0, rel=0.1)
+        assert coarse[1] / fine[1] == pytest.approx(4.0, rel=0.1)
+
+
+@pytest.mark.parametrize("dt", [2.5e-4, 1e-4, 5e-5])
+def test_the_sleeve_leaves_the_ring_at_the_instant_at_which_it_has_turned(dt):
+    m, c, guide, time = SLEEVE.mass, SLEEVE.damping, SLEEVE.guide_friction, 0.009
+    box = Box(1, position=SLEEVE.blocking_position, dt=dt)
+    box.held = 1.0
+    box.run(900.0, time)
+    turned = SLEEVE.index_time * SLEEVE.index_force / (900.0 - guide)
+    assert 0.1 < turned / dt % 1.0 < 0.99
+    flown, force = time - turned, (1.0 - SLEEVE.flight_share) * 900.0 - guide
+    way = force / c * (flown - m / c * -math.expm1(-c * flown / m))
+    assert box.travel - SLEEVE.blocking_position == pytest.approx(way, rel=1e-3)
 
 
 def test_oil_locked_in_swings_without_gain_or_loss():
