@@ -32,6 +32,7 @@ from hev_can_emu.plant import (
     speed_control,
     teeth,
     thermal,
+    tyre,
     wet_clutch,
 )
 from hev_can_emu.plant import detailed_inner as inner
@@ -156,7 +157,7 @@ def _steps(
     extras, held = plant.extras, bank.held_torque
     step = 1e-9 * plant.step_ns
     drive_x = x[lay.X_DRIVELINE :]
-    books = x[lay.X_BOOKS : lay.X_DRIVELINE]
+    books = x[lay.X_BOOKS : lay.X_TYRES]
     x_engine = x[lay.X_ENGINE : lay.X_EM1]
     x1, x2 = x[lay.X_EM1 : lay.X_EM2], x[lay.X_EM2 : lay.X_CONTROL1]
     thermal1, thermal2 = x[lay.X_THERMAL1 : lay.X_THERMAL2], x[lay.X_THERMAL2 : lay.X_COOLANT]
@@ -216,6 +217,7 @@ def _steps(
             p_clutch, x_clutch, p_oil, x_oil, row_speed(at, by, drive_x, N_PORTS + C1),
             oil_temperature, hold, road_out, n, clutch_out, kinetic, static,
         )  # fmt: skip
+        tyre.allow_for_creep(plant.tyres, x[lay.X_TYRES : lay.X_DRIVELINE], static)
         inner.shift(
             held, at, by, p_sleeve, x_sync, oil_out, drive_x, n, forces, books, kinetic, static,
             play, sleeve_out,
@@ -232,6 +234,7 @@ def _steps(
             bank, drive_x, n, forces, kinetic, static, books, trial, t_ns + k * plant.step_ns,
             plant.step_ns, events, n_events, extras,
         )  # fmt: skip
+        inner.slip_tyres(plant.tyres, extras.middle, x, n, work)
         shifting.turn_gears(p_sleeve, x_sync, books)
         inner.engine_energy(
             p_engine, engine_out, external, inner.turned(books, ENGINE), energy, tick, x
@@ -294,7 +297,7 @@ def _after_the_steps(
         settled + (temperature - settled) * plant.battery[battery.P_HEAT_KEEP]
     )
     # What the driveline keeps itself since the start.
-    books = x[lay.X_BOOKS : lay.X_DRIVELINE]
+    books = x[lay.X_BOOKS : lay.X_TYRES]
     for i in range(ledger.N_TERMS):
         x[lay.X_LEDGER + i] += tick[i]
     locks = plant.bank.speed_at.shape[0] - N_PORTS
@@ -391,6 +394,7 @@ def observe(plant: DetailedPlant, x: Array, n: Integers, forces: Array, y: Array
         y[port.Y_WHEEL_REAR_SPEED] = row_speed(at, by, drive_x, N_PORTS + REAR)
     y[port.Y_VEHICLE_SPEED] = y[port.Y_BODY_SPEED] * radius
     y[port.Y_ACCELERATION] = radius * driveline.body_acceleration(bank, drive_x, n, forces)
+    y[port.Y_ACCELERATION] -= inner.creep_acceleration(plant.tyres, radius, x, n)
     y[port.Y_ACCELEROMETER] = road.accelerometer(y[port.Y_ACCELERATION], y[port.Y_GRADE])
     y[port.Y_CLUTCH_TORQUE] = -driveline.friction_torque(bank, drive_x, n, forces, C1)
     y[port.Y_CLUTCH_SLIP] = row_speed(at, by, drive_x, N_PORTS + C1)
@@ -414,7 +418,7 @@ def observe(plant: DetailedPlant, x: Array, n: Integers, forces: Array, y: Array
     y[port.Y_EM2_INVERTER_TEMPERATURE] = x[lay.X_THERMAL2 + thermal.X_INVERTER]
     y[port.Y_COOLANT_TEMPERATURE] = x[lay.X_COOLANT]
     y[port.Y_CLUTCH_TEMPERATURE] = x[lay.X_CLUTCH]
-    books = x[lay.X_BOOKS : lay.X_DRIVELINE]
+    books = x[lay.X_BOOKS : lay.X_TYRES]
     y[port.Y_CRANK_ANGLE] = books[teeth.ANGLE]
     y[port.Y_ENERGY_LOST] = books[teeth.LOST] + books[teeth.LOST_DOGS] + books[teeth.LOST_MESH]
     y[port.Y_LOCK_ROW] = n[ROW]

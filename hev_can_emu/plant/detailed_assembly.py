@@ -20,6 +20,7 @@ from hev_can_emu.plant.ledger import Ledger, make_ledger
 from hev_can_emu.plant.machines import Machines
 from hev_can_emu.plant.start import Start
 from hev_can_emu.plant.teeth import N_LOCKS, build_extras, parting
+from hev_can_emu.plant.tyre import build_tyre_slip
 from hev_can_emu.plant.vehicle import DrivelineParameters
 
 Array = npt.NDArray[np.float64]
@@ -83,6 +84,7 @@ def build_detailed(
         sleeve=finer.sleeve.pack(step),
         coolant=machines.engine_coolant.pack(),
         car=car,
+        tyres=build_tyre_slip(structure, finer.tyre_slip, radius, step),
         steps=1_000_000 // effects.step_ns,
         step_ns=effects.step_ns,
     )

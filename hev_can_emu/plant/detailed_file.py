@@ -24,6 +24,7 @@ from hev_can_emu.plant.pmsm import PmsmParameters
 from hev_can_emu.plant.record_file import file_type, from_file, validate
 from hev_can_emu.plant.sleeve_parameters import SleeveParameters
 from hev_can_emu.plant.torque_map import TorqueMapParameters
+from hev_can_emu.plant.tyre import TyreSlipParameters
 from hev_can_emu.plant.wet_clutch import FrictionParameters, WetClutchParameters
 
 _TORQUE, _SPEED, _TIME, _PURE, _KELVIN, _LENGTH = "N m", "rad/s", "s", "1", "K", "m"
@@ -116,6 +117,7 @@ UNITS: dict[type, dict[str, str]] = {
         "clutch_wear": _PURE, "clutch_cooling": "m^3/s",
     },
     RearAxle: {"inertia": "kg m^2", "stiffness": "N m/rad", "damping": "N m s/rad"},
+    TyreSlipParameters: {"slip_stiffness": _PURE, "friction": _PURE, "front_load": _PURE},
 }  # fmt: skip
 
 

@@ -13,7 +13,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from hev_can_emu.jit import inlined_kernel
+from hev_can_emu.jit import inlined_kernel, kernel
 from hev_can_emu.plant import (
     combustion,
     dc_link,
@@ -22,6 +22,8 @@ from hev_can_emu.plant import (
     pmsm,
     road,
     shifting,
+    teeth,
+    tyre,
     wet_clutch,
 )
 from hev_can_emu.plant import detailed_layout as lay
@@ -45,6 +47,7 @@ from hev_can_emu.plant.structure import (
     ROAD,
 )
 from hev_can_emu.plant.teeth import TRAVEL
+from hev_can_emu.plant.tyre import TyreSlip
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -263,3 +266,24 @@ def turned(books: Array, port: int) -> float:
 
 
 ENGINE_PORT, EM1_PORT, EM2_PORT, ROAD_PORT = ENGINE, EM1, EM2, ROAD
+
+
+@kernel
+def slip_tyres(tyres: TyreSlip | None, middle: int, x: Array, n: Integers, work: Array) -> None:
+    """Let the tyres creep after the driveline's step, and book it; ``middle`` of the extras."""
+    if tyres is not None:
+        first = lay.X_BOOKS + teeth.DAMPERS
+        work[lay.W_TICK + ledger.L_TYRES] += tyre.slip_tyres(
+            tyres, x[lay.X_DRIVELINE :], n, x[first : lay.X_TYRES if middle > 0 else first],
+            x[lay.X_TYRES : lay.X_DRIVELINE], work[lay.W_TYRES : lay.WORK],
+        )  # fmt: skip
+
+
+@kernel
+def creep_acceleration(tyres: TyreSlip | None, radius: float, x: Array, n: Integers) -> float:
+    """Return by how much the body gains less than its state says, m/s^2: what its tyres let slip."""
+    gain = 0.0
+    if tyres is not None and n[HELD + BODY] == 0:
+        torque = tyre.creep_torque(tyres, x[lay.X_TYRES : lay.X_DRIVELINE])
+        gain = radius * torque / tyres.parameters[0, tyre.P_BODY_INERTIA]
+    return gain

@@ -26,10 +26,12 @@ from hev_can_emu.plant import (
     speed_control,
     teeth,
     thermal,
+    tyre,
     wet_clutch,
 )
 from hev_can_emu.plant.bank import Bank
 from hev_can_emu.plant.teeth import Extras
+from hev_can_emu.plant.tyre import TyreSlip
 
 Array = npt.NDArray[np.float64]
 
@@ -56,7 +58,8 @@ X_GAS = X_HEIGHT + 1  # pressed into the cylinders by ripple, J
 X_LEDGER = X_GAS + 1
 X_START = X_LEDGER + ledger.N_TERMS  # what was stored at the start
 X_BOOKS = X_START + ledger.N_STORED
-X_DRIVELINE = X_BOOKS + teeth.N_BOOKS
+X_TYRES = X_BOOKS + teeth.N_BOOKS  # slip speeds, rad/s
+X_DRIVELINE = X_TYRES + tyre.N_TYRES
 
 # Scratch.
 W_TICK = 0  # the terms of this tick
@@ -79,7 +82,8 @@ W_STATIC = W_KINETIC + 8
 W_HOLD = W_STATIC + 8
 W_MEAN = W_HOLD + 16
 W_TRIAL = W_MEAN + 8
-WORK = W_TRIAL + driveline.TRIAL
+W_TYRES = W_TRIAL + driveline.TRIAL
+WORK = W_TYRES + tyre.WORK
 
 # What is held over a tick.
 (
@@ -99,7 +103,8 @@ assert electric_drive.N_OUT > freewheel.N_OUT
 class DetailedPlant(NamedTuple):
     """Constants: the driveline's bank and each machine's packed parameters.
 
-    ``steps`` inner steps of ``step_ns`` make one tick of 1 ms.
+    ``steps`` inner steps of ``step_ns`` make one tick of 1 ms.  Without ``tyres`` none slips, and the code
+    for it is compiled away.
     """
 
     bank: Bank
@@ -121,6 +126,7 @@ class DetailedPlant(NamedTuple):
     sleeve: Array
     coolant: Array
     car: Array
+    tyres: TyreSlip | None
     steps: int
     step_ns: int
 

@@ -14,6 +14,7 @@ from hev_can_emu.plant.electric_drive import DriveParameters
 from hev_can_emu.plant.geared import RearAxle
 from hev_can_emu.plant.hydraulic_parameters import HydraulicsParameters
 from hev_can_emu.plant.sleeve_parameters import SleeveParameters
+from hev_can_emu.plant.tyre import TyreSlipParameters
 from hev_can_emu.plant.wet_clutch import WetClutchParameters
 
 
@@ -35,7 +36,11 @@ class TransmissionParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=
 
 
 class DetailedParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The machines that the detailed plant models finer; all else is as for the simple models."""
+    """The machines that the detailed plant models finer; all else is as for the simple models.
+
+    Attributes:
+        tyre_slip: None for tyres that do not slip.
+    """
 
     engine: CombustionParameters
     em1: DriveParameters
@@ -46,6 +51,7 @@ class DetailedParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     sleeve: SleeveParameters
     transmission: TransmissionParameters
     rear_axle: RearAxle
+    tyre_slip: TyreSlipParameters | None = None
 
 
 class Effects(msgspec.Struct, frozen=True, kw_only=True):

@@ -72,6 +72,7 @@ _TERMS: tuple[tuple[str, str, str], ...] = (
     ("sleeve_stops", SINK, "sleeve: blows"),
     ("sleeve_chamfers", SINK, "sleeve: chamfers' torque held while they turn"),
     ("sleeve_lag", SINK, "sleeve: shift force foreseen, less what the oil gave"),
+    ("tyres", SINK, "tyres: slip on the road"),
     ("engine_shaft", TRANSFER, "combustion engine to crank, pistons' inertia apart"),
     ("em1_shaft", TRANSFER, "EM1 to its shaft"),
     ("em2_shaft", TRANSFER, "EM2 to its shaft"),
@@ -93,6 +94,7 @@ L_FRICTION, L_DAMPER = PLACE["friction_c1"], PLACE["damper_1"]
 L_LOCKS, L_DOGS, L_MESHES = PLACE["locks"], PLACE["dogs"], PLACE["meshes"]
 L_AIR, L_OIL = PLACE["air"], PLACE["pump_loss"]  # oil: in the order of the hydraulics' outputs
 L_SLEEVE = PLACE["sleeve_damping"]  # in the order of shifting.N_LOSS
+L_TYRES = PLACE["tyres"]
 L_ENGINE_SHAFT, L_EM1_SHAFT, L_EM2_SHAFT = range(PLACE["engine_shaft"], PLACE["em1_dc"])
 L_EM1_DC, L_EM2_DC, L_ROAD_SHAFT = PLACE["em1_dc"], PLACE["em2_dc"], PLACE["road_shaft"]
 

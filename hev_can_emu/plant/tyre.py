@@ -9,7 +9,9 @@ a car that stands on a hill stays there.
 The driveline's step knows no slip.  After it, :func:`tyre_step` lets the patch creep over the same time, by
 the mean torque of the step (implicit; order 1): twist runs off, and what the damper would have
 carried of the creep is given back to wheel and body.  Slip heat and the damper's correction are exactly
-the energy that goes.
+the energy that goes.  Between the two the driveline sees a damper that knows no slip; what that asks too
+much of a held wheel's brake, or tells too much of the body, :func:`allow_for_creep` and
+:func:`creep_torque` take away.
 """
 
 from __future__ import annotations
@@ -33,6 +35,9 @@ N_PARAMETERS = 7
 # Layout of the output: slip speed rad/s, torque N m, then J in this step.
 OUT_SLIP, OUT_TORQUE, OUT_SLIP_LOSS, OUT_DAMPER_CHANGE = 0, 1, 2, 3
 N_OUT = 4
+
+N_TYRES = 3  #: at most: front left, front right, both rear ones
+WORK = 3 + N_OUT  #: scratch of :func:`slip_tyres`
 
 _ROUNDS = 60
 
@@ -143,12 +148,13 @@ def tyre_step(
                 low = z
             slope = give * reach + 3.0 * limit * z * z
             new = z - value / slope
-            if not low < new < high:
+            close = abs(new - z) <= 1e-16 + 1e-15 * abs(z)
+            # A root met to the last bit lies on the bracket's edge: that is no reason to halve it.
+            if not (close or low < new < high):
                 new = 0.5 * (low + high)
-            if abs(new - z) <= 1e-16 + 1e-15 * abs(z):
-                z = new
-                break
             z = new
+            if close:
+                break
         slip = reach * (1.0 - z)
     if free < 0.0:
         slip = -slip
@@ -182,16 +188,18 @@ _TYRES = (("klw", "Jlw", LEFT), ("krw", "Jrw", RIGHT), ("krear", "Jrear", REAR))
 
 def build_tyre_slip(
     structure: Structure, slip: TyreSlipParameters | None, radius: float, dt: float = 5e-5
-) -> TyreSlip:
-    """Return the constants for a driveline whose twists are all states; None: no tyre slips.
+) -> TyreSlip | None:
+    """Return the constants for a driveline whose twists are all states; None where no tyre slips.
 
     The loads are those of the car at rest on a level road.
     """
+    if slip is None:
+        return None
     rows, places = [], []
     body = structure.names.index("Jv")
     weight = structure.inertia[body] / radius**2 * GRAVITY
-    for branch, wheel, lock in _TYRES if slip is not None else ():
-        if slip is None or branch not in structure.branch_names:
+    for branch, wheel, lock in _TYRES:
+        if branch not in structure.branch_names:
             continue
         at, wheel_at = structure.branch_names.index(branch), structure.names.index(wheel)
         share = 1.0 - slip.front_load if lock == REAR else 0.5 * slip.front_load
@@ -202,35 +210,36 @@ def build_tyre_slip(
             )
         )  # fmt: skip
         places.append((structure.n + at, wheel_at, body, lock, at))
-    return TyreSlip(
-        np.array(rows).reshape(-1, N_PARAMETERS), np.array(places, dtype=np.int64).reshape(-1, 5)
-    )
+    return TyreSlip(np.array(rows), np.array(places, dtype=np.int64))
 
 
 @kernel
 def slip_tyres(
-    parameters: NDArray[np.float64],
-    places: NDArray[np.int64],
+    tyres: TyreSlip,
     x: NDArray[np.float64],
     held: NDArray[np.int64],
     dampers: NDArray[np.float64],
+    slips: NDArray[np.float64],
     work: NDArray[np.float64],
 ) -> float:
     """Let all tyres creep after a step of the driveline; return the slip heat, J.
 
     Args:
-        parameters, places: of :class:`TyreSlip`.
+        tyres: constants.
         x: the driveline's state, changed in place.
         held: whether each lock holds.
         dampers: heat of each branch's damper, J; corrected in place; empty where it is not booked.
-        work: scratch, at least ``3 + N_OUT``.
+        slips: slip speed of each tyre, rad/s; written.
+        work: scratch, at least ``WORK``.
     """
     state, out = work[:3], work[3 : 3 + N_OUT]
+    parameters, places = tyres.parameters, tyres.places
     heat = 0.0
     for i in range(places.shape[0]):
         for j in range(3):
             state[j] = x[places[i, j]]
         tyre_step(parameters[i], state, float(held[places[i, 3]]), float(held[BODY]), out)
+        slips[i] = out[OUT_SLIP]
         if out[OUT_SLIP] == 0.0:
             continue
         for j in range(3):
@@ -239,3 +248,32 @@ def slip_tyres(
         if dampers.shape[0] > 0:
             dampers[places[i, 4]] += out[OUT_DAMPER_CHANGE]
     return heat
+
+
+@kernel
+def allow_for_creep(
+    tyres: TyreSlip | None, slips: NDArray[np.float64], static: NDArray[np.float64]
+) -> None:
+    """Let held wheels hold against the torque that the driveline sees for want of slip and no tyre gives.
+
+    Args:
+        tyres: constants, or None: nothing to do.
+        slips: of the step before, rad/s.
+        static: holding capacity of each lock, N m; raised in place where a brake is applied.
+    """
+    if tyres is not None:
+        for i in range(tyres.places.shape[0]):
+            p, lock = tyres.parameters[i], tyres.places[i, 3]
+            if static[lock] > 0.0:
+                static[lock] += (p[P_DAMPING] + p[P_STIFFNESS] * p[P_DT]) * abs(slips[i])
+
+
+@kernel
+def creep_torque(tyres: TyreSlip, slips: NDArray[np.float64]) -> float:
+    """Return what the tyres seem to give the body by the state after a step, less what they gave, N m."""
+    total = 0.0
+    for i in range(tyres.parameters.shape[0]):
+        p = tyres.parameters[i]
+        damping, spring = p[P_DAMPING], p[P_STIFFNESS] * p[P_DT]
+        total += damping * (1.0 - 0.5 * spring / (damping + spring)) * slips[i]
+    return total

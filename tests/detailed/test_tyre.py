@@ -170,7 +170,8 @@ class Driven:
         self.u, self.capacity = np.zeros(4 + m), np.zeros(m)
         self.books, self.trial = np.zeros(teeth.N_BOOKS), np.zeros(driveline.TRIAL)
         self.record, self.t_ns = np.zeros(64, dtype=EVENT), 0
-        self.heat, self.work, self.given = 0.0, np.zeros(8), 0.0
+        self.heat, self.work, self.given = 0.0, np.zeros(tyre.WORK), 0.0
+        self.slips = np.zeros(tyre.N_TYRES)
         self.mass = self.structure.inertia[self.structure.names.index("Jv")] / 0.356033146**2
 
     @property
@@ -190,7 +191,7 @@ class Driven:
             self.t_ns += 50_000
             self.given += em2 * self.books[teeth.TRAVEL + 2]
             self.heat += tyre.slip_tyres(
-                *self.slip, self.x, self.state, self.books[teeth.DAMPERS :], self.work
+                self.slip, self.x, self.state, self.books[teeth.DAMPERS :], self.slips, self.work
             )
         return self
 
@@ -209,12 +210,10 @@ def test_the_whole_car_spins_its_front_wheels_and_every_joule_is_told(repository
 
 
 def test_without_parameters_no_tyre_slips(repository):
-    car = Driven(repository, None).run(0.01, 100.0)
-    assert car.slip.parameters.shape == (0, tyre.N_PARAMETERS)
-    assert car.heat == 0.0
-    same = Driven(repository)
-    assert same.slip.parameters[:, tyre.P_LIMIT] == pytest.approx(
-        np.array([0.3, 0.3, 0.4]) * same.mass * 9.80665 * 0.356033146
+    car = Driven(repository)
+    assert tyre.build_tyre_slip(car.structure, None, 0.356033146) is None
+    assert car.slip.parameters[:, tyre.P_LIMIT] == pytest.approx(
+        np.array([0.3, 0.3, 0.4]) * car.mass * 9.80665 * 0.356033146
     )
 
 
