@@ -24,6 +24,7 @@ COMPONENTS = {
     "battery": "battery",
     "road": "road",
     "mesh": "mesh",
+    "ripple": "ripple",
 }
 
 

@@ -47,17 +47,16 @@ def build_detailed(
     rear = finer.rear_axle if effects.rear_wheels else None
     finer.rear_axle.check_fits(parameters.inertias["Jv"], "detailed.rear_axle")
     structure = geared(parameters, rear)
-    for name in effects.mesh_play:
-        if name not in structure.branch_names:
-            raise InputError("effects.mesh_play", "the name of a branch such as kg1", f"'{name}'")
+    mesh_play = finer.mesh_play if effects.mesh_play is None else effects.mesh_play
     bank = build_bank(
         structure, step, LEVELS, travel=True, dampers=effects.damper_work,
-        open_branches=parting(structure, effects.mesh_play),
+        open_branches=parting(structure, mesh_play),
     )  # fmt: skip
     pistons = finer.engine.crank.pack() if effects.pistons else np.zeros(0)
-    combustion = finer.engine
-    if not effects.ripple:
-        combustion = msgspec.structs.replace(combustion, pulses=None)
+    ripple = finer.firing_ripple if effects.firing_ripple is None else effects.firing_ripple
+    if ripple and finer.engine.pulses is None:
+        raise InputError("effects.firing_ripple", "false for an engine without pulses", "true")
+    combustion = finer.engine if ripple else msgspec.structs.replace(finer.engine, pulses=None)
     clutch_wear = finer.transmission.clutch_wear if effects.wear is None else effects.wear
     radius = parameters.tyre_radius
     car = np.zeros(lay.N_CAR)
@@ -66,7 +65,7 @@ def build_detailed(
     car[lay.CAR_PLAY] = 1.0 if effects.dog_play else 0.0
     return DetailedPlant(
         bank=bank,
-        extras=build_extras(structure, bank, pistons, effects.mesh_play, effects.damper_work),
+        extras=build_extras(structure, bank, pistons, mesh_play, effects.damper_work),
         engine=combustion.pack(step),
         em1=finer.em1.pack(step),
         em2=finer.em2.pack(step),
@@ -84,7 +83,9 @@ def build_detailed(
         sleeve=finer.sleeve.pack(step),
         coolant=machines.engine_coolant.pack(),
         car=car,
-        tyres=build_tyre_slip(structure, finer.tyre_slip, radius, step),
+        tyres=build_tyre_slip(
+            structure, finer.tyre_slip if effects.tyre_slip else None, radius, step
+        ),
         steps=1_000_000 // effects.step_ns,
         step_ns=effects.step_ns,
     )

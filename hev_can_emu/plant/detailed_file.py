@@ -117,6 +117,7 @@ UNITS: dict[type, dict[str, str]] = {
         "clutch_wear": _PURE, "clutch_cooling": "m^3/s",
     },
     RearAxle: {"inertia": "kg m^2", "stiffness": "N m/rad", "damping": "N m s/rad"},
+    DetailedParameters: {"mesh_play": _LENGTH},
     TyreSlipParameters: {"slip_stiffness": _PURE, "friction": _PURE, "front_load": _PURE},
 }  # fmt: skip
 
@@ -131,4 +132,5 @@ def detailed_parameters(file: DetailedFile, where: str) -> DetailedParameters:
     """Return the finer machines' records in SI, checked; ``where`` is the path of the section."""
     found: DetailedParameters = from_file(DetailedParameters, file, UNITS, where)
     validate(found, where)
+    found.check_options(where)
     return found

@@ -2,7 +2,7 @@
 
 The file's shape is made from the record itself: where the record holds a number or a table, the file
 holds ``{value, unit, source}``, whose unit must be of the dimension that a table of units names; a
-choice (yes or no) stands plainly; an optional part may be missing.
+choice (yes or no) stands plainly, numbers by name are such values by name; an optional part may be missing.
 """
 
 from __future__ import annotations
@@ -39,6 +39,8 @@ def file_type(record: type[msgspec.Struct]) -> type[msgspec.Struct]:
         if part is not None:
             shape = file_type(part)
             fields.append((field.name, shape | None, None) if optional else (field.name, shape))
+        elif typing.get_origin(kind) is Mapping:
+            fields.append((field.name, dict[str, Value], {}))
         elif kind is bool:
             fields.append((field.name, bool, field.default))
         elif field.default is not msgspec.NODEFAULT:
@@ -63,6 +65,9 @@ def from_file(record: type[msgspec.Struct], given: Any, units: Units, where: str
             values[name] = from_file(part, value, units, place)
         elif kind is bool:
             values[name] = value
+        elif typing.get_origin(kind) is Mapping:
+            unit = units[record][name]
+            values[name] = {key: si_number(n, unit, f"{place}.{key}") for key, n in value.items()}
         else:
             values[name] = _number(kind, value, units[record][name], place)
     return record(**values)

@@ -13,7 +13,7 @@ from hev_can_emu.cli import main
 BLOCK = re.compile(r"^<!-- test: run -->\n```(sh|python)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
-@pytest.mark.parametrize("page", ["analysis", "identification", "components"])
+@pytest.mark.parametrize("page", ["analysis", "identification", "components", "vehicles"])
 def test_page(page: str, repository: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     blocks = BLOCK.findall((repository / "docs" / f"{page}.md").read_text(encoding="utf-8"))
