@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from hev_can_emu import config
+from hev_can_emu.ecu.transmission_file import CarFile
 from hev_can_emu.plant.vehicle import DrivelineParameters
-from hev_can_emu.plant.vehicle_file import VehicleFile, driveline_parameters
+from hev_can_emu.plant.vehicle_file import driveline_parameters
 from hev_can_emu.resources import folder, shipped_or_path
 
 DEFAULT = "dai2024"
@@ -38,7 +39,7 @@ def load_vehicle(name: str = DEFAULT) -> Vehicle:
         InputError: there is none, or it cannot be used.
     """
     path = vehicle_path(name)
-    file = config.load(path, VehicleFile)
+    file = config.load(path, CarFile)
     return Vehicle(file.name, file.provenance, driveline_parameters(file.driveline, str(path)))
 
 

@@ -68,7 +68,7 @@ _LEAST_DROP = 2e4  # Pa: below it an edge's flow is no longer inverted
 
 
 class HydraulicControlParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Tuning; SI units.
+    """Tuning; SI units.  The defaults are for the default car; docs/detailed/hydraulics.md shows them step.
 
     Attributes:
         bandwidth: of the clutch pressure loop, rad/s.
@@ -86,20 +86,20 @@ class HydraulicControlParameters(msgspec.Struct, frozen=True, forbid_unknown_fie
         pump_on, pump_off: supply pressures between which the pump works, Pa.
     """
 
-    bandwidth: float
-    integral_time: float
-    integral_share: float
-    fill_share: float
-    touch_time: float
-    touch_margin: float
-    least_capacity: float
-    pressure_share: float
-    shift_bandwidth: float
-    least_force: float
-    standing_speed: float
-    speed_time: float
-    pump_on: float
-    pump_off: float
+    bandwidth: float = 100.0
+    integral_time: float = 0.15
+    integral_share: float = 0.1
+    fill_share: float = 0.92
+    touch_time: float = 0.008
+    touch_margin: float = 3e4
+    least_capacity: float = 0.5
+    pressure_share: float = 0.95
+    shift_bandwidth: float = 4.0
+    least_force: float = 20.0
+    standing_speed: float = 0.01
+    speed_time: float = 0.002
+    pump_on: float = 4.2e6
+    pump_off: float = 5.5e6
 
     def validate(self, where: str) -> None:
         """Raise :class:`hev_can_emu.errors.InputError` naming the first value that makes no sense."""

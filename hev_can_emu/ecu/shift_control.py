@@ -60,7 +60,7 @@ _HALF_NS = 5e-10
 
 
 class ShiftControlParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Forces and times; SI units.
+    """Forces and times; SI units.  The defaults are for the default car (docs/detailed/synchronizer.md).
 
     Attributes:
         max_force: greatest force asked for, N.
@@ -79,21 +79,21 @@ class ShiftControlParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=
         still_speed: below it the sleeve counts as standing, m/s.
     """
 
-    max_force: float
-    least_force: float
-    travel_force: float
-    dog_force: float
-    holding_force: float
-    holding_time: float
-    centring_force: float
-    centring_stiffness: float
-    centring_damping: float
-    centre_band: float
-    speed_time: float
-    timeout: float
-    lost_force_time: float
-    still_time: float
-    still_speed: float
+    max_force: float = 2000.0
+    least_force: float = 50.0
+    travel_force: float = 700.0
+    dog_force: float = 800.0
+    holding_force: float = 200.0
+    holding_time: float = 0.05
+    centring_force: float = 250.0
+    centring_stiffness: float = 1.5e5
+    centring_damping: float = 1500.0
+    centre_band: float = 4e-4
+    speed_time: float = 0.002
+    timeout: float = 1.0
+    lost_force_time: float = 0.05
+    still_time: float = 0.03
+    still_speed: float = 0.003
 
     def validate(self, where: str) -> None:
         """Raise :class:`hev_can_emu.errors.InputError` naming the first value that makes no sense."""

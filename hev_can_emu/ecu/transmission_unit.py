@@ -10,8 +10,7 @@ import numpy.typing as npt
 
 from hev_can_emu.ecu import hydraulic_control as control
 from hev_can_emu.ecu import shift_control as shift
-from hev_can_emu.ecu.hydraulic_control import HydraulicControlParameters
-from hev_can_emu.ecu.shift_control import ShiftControlParameters
+from hev_can_emu.ecu.transmission_file import TransmissionTuning
 from hev_can_emu.jit import kernel
 from hev_can_emu.plant import powertrain as plant
 from hev_can_emu.plant.detailed_parameters import DetailedParameters
@@ -25,43 +24,6 @@ X_SHIFT = X_OUTPUTS + control.N_OUT
 X_TOLD = X_SHIFT + shift.N_STATE
 N_STATE = X_TOLD + shift.N_OUT
 
-TUNING = HydraulicControlParameters(
-    bandwidth=100.0,
-    integral_time=0.15,
-    integral_share=0.1,
-    fill_share=0.92,
-    touch_time=0.008,
-    touch_margin=3e4,
-    least_capacity=0.5,
-    pressure_share=0.95,
-    shift_bandwidth=4.0,
-    least_force=20.0,
-    standing_speed=0.01,
-    speed_time=0.002,
-    pump_on=4.2e6,
-    pump_off=5.5e6,
-)
-"""Of the default car's hydraulics; docs/detailed/hydraulics.md has the step responses."""
-
-SHIFT = ShiftControlParameters(
-    max_force=2000.0,
-    least_force=50.0,
-    travel_force=700.0,
-    dog_force=800.0,
-    holding_force=200.0,
-    holding_time=0.05,
-    centring_force=250.0,
-    centring_stiffness=1.5e5,
-    centring_damping=1500.0,
-    centre_band=4e-4,
-    speed_time=0.002,
-    timeout=1.0,
-    lost_force_time=0.05,
-    still_time=0.03,
-    still_speed=0.003,
-)
-"""Of the default car's sleeve; docs/detailed/synchronizer.md has the times of its shifts."""
-
 
 class TransmissionUnit(NamedTuple):
     """Constants: packed parameters of both controls, and the friction map that it believes."""
@@ -71,12 +33,15 @@ class TransmissionUnit(NamedTuple):
     shift: Array
 
 
-def build_unit(finer: DetailedParameters) -> TransmissionUnit:
-    """Return the unit for a car's nominal hydraulics and clutch."""
+def build_unit(
+    finer: DetailedParameters, tuning: TransmissionTuning | None = None
+) -> TransmissionUnit:
+    """Return the unit for a car's nominal hydraulics and clutch; without ``tuning`` the default car's."""
+    tuning = tuning or TransmissionTuning()
     return TransmissionUnit(
-        control=TUNING.pack(finer.hydraulics),
+        control=tuning.hydraulics.pack(finer.hydraulics),
         clutch=finer.clutch.pack(1e-3, finer.transmission.clutch_wear),
-        shift=SHIFT.pack(),
+        shift=tuning.shift.pack(),
     )
 
 

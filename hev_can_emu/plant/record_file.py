@@ -38,6 +38,7 @@ def file_type(record: type[msgspec.Struct]) -> type[msgspec.Struct]:
         part, optional = part_of(kind)
         if part is not None:
             shape = file_type(part)
+            optional = optional or field.default is not msgspec.NODEFAULT
             fields.append((field.name, shape | None, None) if optional else (field.name, shape))
         elif typing.get_origin(kind) is Mapping:
             fields.append((field.name, dict[str, Value], {}))

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from hev_can_emu.ecu.transmission_file import transmission_tuning
 from hev_can_emu.ecu.transmission_unit import TransmissionUnit, build_unit
 from hev_can_emu.plant import detailed_layout, powertrain
 from hev_can_emu.plant.assembly import build_plant, driveline_structure, start_state
@@ -50,7 +51,7 @@ class Car:
         if setup.model == "detailed":
             finer = finer_parameters(file, path)
             self.plant = build_detailed(parameters, machines, finer, effects)
-            self.unit = build_unit(finer)
+            self.unit = build_unit(finer, transmission_tuning(file, path))
             self.work = detailed_layout.WORK
         else:
             structure = driveline_structure(parameters, setup.model, setup.reduction)

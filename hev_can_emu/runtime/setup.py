@@ -11,12 +11,13 @@ import msgspec
 from hev_can_emu import config
 from hev_can_emu.ecu.bindings_file import Bindings
 from hev_can_emu.ecu.faults import Fault, parse
+from hev_can_emu.ecu.transmission_file import CarFile
 from hev_can_emu.errors import InputError, did_you_mean
 from hev_can_emu.plant.assembly import MODELS
 from hev_can_emu.plant.machines import Machines
 from hev_can_emu.plant.reduction import REDUCTIONS
 from hev_can_emu.plant.vehicle import DrivelineParameters
-from hev_can_emu.plant.vehicle_file import VehicleFile, driveline_parameters, machine_parameters
+from hev_can_emu.plant.vehicle_file import driveline_parameters, machine_parameters
 from hev_can_emu.resources import folder, shipped_or_path
 
 PROTECTION_MODES = ("off", "observe", "enforce")
@@ -72,10 +73,10 @@ def _choose(where: str, value: str, known: tuple[str, ...]) -> None:
         )
 
 
-def load_car(name: str) -> tuple[DrivelineParameters, Machines, VehicleFile, str]:
+def load_car(name: str) -> tuple[DrivelineParameters, Machines, CarFile, str]:
     """Return a car's parameters, checked, with the file and its path; raises InputError."""
     path = shipped_or_path(name, folder("vehicles"), "--vehicle")
-    file = config.load(path, VehicleFile)
+    file = config.load(path, CarFile)
     return (
         driveline_parameters(file.driveline, str(path)),
         machine_parameters(file, str(path)),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hev_can_emu.ecu.transmission_unit import TUNING
+from hev_can_emu.ecu.hydraulic_control import HydraulicControlParameters
 from hev_can_emu.plant.hydraulic_parameters import (
     ClutchCylinderParameters,
     HydraulicsParameters,
@@ -82,4 +82,4 @@ WET_CLUTCH = WetClutchParameters(
     oil_heat=0.7 * 840.0 * 2100.0,
     still_cooling=5.0,
 )
-CONTROL = TUNING
+CONTROL = HydraulicControlParameters()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from hev_can_emu.ecu.transmission_unit import SHIFT
+from hev_can_emu.ecu.shift_control import ShiftControlParameters
 from hev_can_emu.plant.sleeve_parameters import SleeveParameters
 
 SLEEVE = SleeveParameters(
@@ -40,4 +40,4 @@ SLEEVE = SleeveParameters(
     ratchet_share=0.1,
     ratchet_speed=0.5,
 )
-SHIFT_CONTROL = SHIFT
+SHIFT_CONTROL = ShiftControlParameters()

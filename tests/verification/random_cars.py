@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from hev_can_emu import config
+from hev_can_emu.ecu.transmission_file import CarFile
 from hev_can_emu.plant.vehicle import DrivelineParameters
-from hev_can_emu.plant.vehicle_file import VehicleFile, driveline_parameters
+from hev_can_emu.plant.vehicle_file import driveline_parameters
 
 _DEFAULT = Path(__file__).resolve().parents[2] / "vehicles" / "dai2024.yaml"
 CARS = ("default", 1, 2, 3, 4, 5)
@@ -16,7 +17,7 @@ CARS = ("default", 1, 2, 3, 4, 5)
 
 def car(which: str | int) -> DrivelineParameters:
     """Return the default car, or one whose every parameter lies within a factor of two of it."""
-    default = driveline_parameters(config.load(_DEFAULT, VehicleFile).driveline, "dai2024")
+    default = driveline_parameters(config.load(_DEFAULT, CarFile).driveline, "dai2024")
     if which == "default":
         return default
     random = np.random.default_rng(int(which))

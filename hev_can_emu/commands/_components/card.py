@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from hev_can_emu.ecu.transmission_file import TransmissionTuning
 from hev_can_emu.plant.detailed_parameters import DetailedParameters
 from hev_can_emu.plant.machines import Machines
 from hev_can_emu.plant.vehicle import DrivelineParameters
@@ -17,6 +18,7 @@ class Car(NamedTuple):
     driveline: DrivelineParameters
     machines: Machines
     detailed: DetailedParameters
+    tuning: TransmissionTuning
 
 
 class Card(NamedTuple):

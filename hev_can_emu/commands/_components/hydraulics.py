@@ -6,7 +6,6 @@ import numpy as np
 
 from hev_can_emu.commands._components.card import Car, Card
 from hev_can_emu.ecu import hydraulic_control as control
-from hev_can_emu.ecu.transmission_unit import TUNING
 from hev_can_emu.plant import hydraulics, wet_clutch
 from hev_can_emu.report.component_plot import Curve, Fact, Panel
 
@@ -26,7 +25,7 @@ class Bench:
         self.out[hydraulics.OUT_SUPPLY] = SUPPLY
         self.clutch = car.detailed.clutch.pack(DT)
         self.plates, self.can = np.array([OIL]), np.zeros(wet_clutch.N_OUT)
-        self.unit, self.memory = TUNING.pack(circuit), np.zeros(control.N_STATE)
+        self.unit, self.memory = car.tuning.hydraulics.pack(circuit), np.zeros(control.N_STATE)
         control.control_start(self.memory, 0.0)
         self.inputs, self.told = np.zeros(control.N_IN), np.zeros(control.N_OUT)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from hev_can_emu.commands._components.card import Car
+from hev_can_emu.ecu.transmission_file import transmission_tuning
 from hev_can_emu.plant.vehicle_file import finer_parameters
 from hev_can_emu.runtime import setup
 
@@ -14,4 +15,5 @@ def load_car(vehicle: str) -> Car:
         InputError: there is none, or it lacks the machines or the detailed model.
     """
     driveline, machines, file, path = setup.load_car(vehicle)
-    return Car(vehicle, driveline, machines, finer_parameters(file, path))
+    finer, tuning = finer_parameters(file, path), transmission_tuning(file, path)
+    return Car(vehicle, driveline, machines, finer, tuning)

@@ -10,7 +10,6 @@ from hev_can_emu.commands._components.card import Car, Card
 from hev_can_emu.commands._components.small import Stand, two_inertias
 from hev_can_emu.ecu import hydraulic_control as valves
 from hev_can_emu.ecu import shift_control as control
-from hev_can_emu.ecu.transmission_unit import SHIFT, TUNING
 from hev_can_emu.plant import hydraulics, shifting, sleeve, teeth
 from hev_can_emu.plant.driveline import friction_torque
 from hev_can_emu.plant.structure import G1
@@ -60,10 +59,10 @@ def shift(car: Car, slip: float = SLIP, drag: float = DRAG, force: float = FORCE
     oil_p, oil, oil_out = circuit.pack(DT), np.zeros(hydraulics.N_STATE), np.zeros(hydraulics.N_OUT)
     hydraulics.hydraulics_start(oil_p, oil, SUPPLY)
     oil_out[hydraulics.OUT_SUPPLY] = SUPPLY
-    valve_p, valve = TUNING.pack(circuit), np.zeros(valves.N_STATE)
+    valve_p, valve = car.tuning.hydraulics.pack(circuit), np.zeros(valves.N_STATE)
     valves.control_start(valve, 0.0)
     told, inputs = np.zeros(valves.N_OUT), np.zeros(valves.N_IN)
-    unit_p = SHIFT.pack()
+    unit_p = car.tuning.shift.pack()
     unit, phase = np.zeros(control.N_STATE), np.zeros(control.N_OUT)
     clutch = car.detailed.clutch.pack(DT)
     rows = []
