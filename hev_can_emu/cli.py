@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import gc
 import importlib
+import os
 import sys
 from collections.abc import Sequence
 from typing import NoReturn
@@ -74,6 +75,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         # A process of its own: importing the compiler makes half a million objects that stay, and
         # the collector's default would walk them again and again.
         gc.set_threshold(100_000, 50, 100)
+        # Its matrices are small: threads that stand ready for large ones would cost more than they save.
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     arguments = list(sys.argv[1:] if argv is None else argv)
     parser = build_parser(arguments)
     try:

@@ -5,6 +5,9 @@ runs the old code, and it forgets what it has when the package moves.  Here the 
 is named by a hash of its source and of all that it imports from this package, so a change compiles
 anew what hangs on it and nothing else, and two checkouts of the same code share what is compiled.  The
 oldest folders are removed.  Where no user cache folder can be written, a temporary one serves.
+
+Numba is imported when the first kernel is called, not before: until then a kernel is a :class:`Kernel`, which
+then makes room for Numba's dispatcher wherever a module holds it.
 """
 
 from __future__ import annotations
@@ -13,29 +16,27 @@ import atexit
 import contextlib
 import functools
 import hashlib
+import importlib.util
 import os
 import re
 import shutil
+import sys
 import tempfile
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-import numba
-import numba.core.config
-import numba.core.options
-
 F = TypeVar("F", bound=Callable[..., Any])
 
-# Its attributes are made at run time, out of a type checker's sight.
-numba_config: Any = numba.core.config
-locators: Any = numba.core.caching
-
-JIT_DISABLED = bool(numba_config.DISABLE_JIT)
-
-# Without Numba's own run time references to arrays are not counted, which would cost several times the
-# work where tuples of arrays are handed on.  Not a public option: a Numba without it is slower, no more.
-_UNCOUNTED = {"_nrt": False} if hasattr(numba.core.options.DefaultOptions, "_nrt") else {}
+#: Whether Numba's settings are the usual ones; others are Numba's affair from the start.
+USUAL = not os.path.exists(".numba_config.yaml") and not any(
+    name.startswith("NUMBA_") for name in os.environ
+)
+if USUAL:
+    JIT_DISABLED = BOUNDS_CHECKED = False
+else:
+    from hev_can_emu.numba_side import BOUNDS_CHECKED, JIT_DISABLED
 
 _PACKAGE = Path(__file__).resolve().parent
 _NAME = _PACKAGE.name
@@ -82,6 +83,15 @@ def _source(module: str) -> tuple[bytes, tuple[str, ...]]:
     return text, tuple(found)
 
 
+@functools.cache
+def _compiler_version() -> bytes:
+    """Return what tells versions of Numba apart, without importing it."""
+    found = importlib.util.find_spec("numba")
+    if found is None or found.origin is None:
+        return b""
+    return Path(found.origin).with_name("_version.py").read_bytes()
+
+
 def _digest(module: str) -> str:
     """Return a hash of all that the compiled code of a module depends on."""
     reached, waiting = {module}, [module]
@@ -95,7 +105,7 @@ def _digest(module: str) -> str:
         text = _source(each)[0]
         digest.update(f"{each} {len(text)}\n".encode())
         digest.update(text)
-    digest.update(f"{numba.__version__} {numba_config.BOUNDSCHECK}".encode())
+    digest.update(_compiler_version() + f" {BOUNDS_CHECKED}".encode())
     return digest.hexdigest()[:16]
 
 
@@ -119,15 +129,6 @@ def _remove_old(folder: Path) -> None:
             shutil.rmtree(each, ignore_errors=True)
 
 
-class KernelLocator(locators.UserProvidedCacheLocator):  # type: ignore[misc]
-    """Places what is compiled in the folder set, wherever the package itself lies."""
-
-    @classmethod
-    def get_suitable_cache_subpath(cls, py_file: str) -> str:
-        """Return the path inside the folder; ``py_file`` is in the folder's name already."""
-        return "compiled"
-
-
 def kernel(function: F) -> F:
     """Compile ``function`` with Numba on first call: no Python objects, strict floating point.
 
@@ -139,7 +140,7 @@ def kernel(function: F) -> F:
 
 def counting_kernel(function: F) -> F:
     """Compile as :func:`kernel` does, for one that allocates or opens a structure; off the hot path."""
-    return _compile(function, **dict.fromkeys(_UNCOUNTED, True))
+    return _compile(function, _nrt=True)
 
 
 def inlined_kernel(function: F) -> F:
@@ -158,21 +159,118 @@ def inner_kernel(function: F) -> F:
     return _compile(function, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
+class Kernel:
+    """A kernel as long as Numba is not imported; the first call imports it.
+
+    Attributes:
+        py_func: the function as written.
+    """
+
+    def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
+        functools.update_wrapper(self, function)
+        self.py_func = function
+        self._options = options
+        self._dispatcher: Any = None
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call the compiled kernel, or the function as written inside :func:`uncompiled`."""
+        if _uncompiled.depth:
+            return self.py_func(*arguments)
+        return self.dispatcher(*arguments)
+
+    @property
+    def dispatcher(self) -> Any:
+        """Numba's dispatcher of the kernel."""
+        ready_compiler()
+        return self._dispatcher
+
+    @property
+    def overloads(self) -> Any:
+        """What is compiled so far, as the dispatcher has it."""
+        return self.dispatcher.overloads
+
+    def turn(self) -> None:
+        """Make the dispatcher."""
+        self._dispatcher = _dispatcher(self.py_func, self._options)
+
+
+class _Depth(threading.local):
+    depth = 0
+
+
+_uncompiled = _Depth()
+_lock = threading.RLock()
+_waiting: list[Kernel] = []
+_preparations: list[Callable[[], object]] = []
+_ready = not USUAL
+
+
+@contextlib.contextmanager
+def uncompiled() -> Iterator[None]:
+    """Run kernels that are called inside as plain Python, unless Numba is there already.
+
+    For what runs once and is small: the result is the same, and importing Numba takes half a second.
+    """
+    _uncompiled.depth += 1
+    try:
+        yield
+    finally:
+        _uncompiled.depth -= 1
+
+
+def before_compiling(preparation: Callable[[], object]) -> None:
+    """Call ``preparation`` once Numba is imported, before anything is compiled; at once if it is."""
+    with _lock:
+        if not _ready:
+            _preparations.append(preparation)
+            return
+    preparation()
+
+
+def ready_compiler() -> None:
+    """Import Numba, and put its dispatchers in the place of all kernels."""
+    global _ready
+    with _lock:
+        if _ready:
+            return
+        import hev_can_emu.numba_side  # noqa: F401
+
+        _ready = True
+        kernels, spaces = list(_waiting), {}
+        _waiting.clear()
+        for each in kernels:
+            each.turn()
+            spaces[id(each.py_func.__globals__)] = each.py_func.__globals__
+        for name, module in list(sys.modules.items()):
+            if name.partition(".")[0] == _NAME:
+                spaces[id(vars(module))] = vars(module)
+        for space in spaces.values():
+            _put_in_place(space)
+        for preparation in _preparations:
+            preparation()
+        _preparations.clear()
+
+
+def _put_in_place(space: dict[str, Any]) -> None:
+    for name, value in list(space.items()):
+        if isinstance(value, Kernel):
+            space[name] = value.dispatcher
+
+
+def _dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
+    from hev_can_emu import numba_side
+
+    module = function.__module__.partition(".")[2]
+    return numba_side.dispatcher(function, cache_folder(module), options)
+
+
 def _compile(function: F, **options: Any) -> F:
     if JIT_DISABLED:
         return function
-    module = function.__module__.partition(".")[2]
-    settings = {
-        "CACHE_DIR": str(cache_folder(module)),
-        "CACHE_LOCATOR_CLASSES": f"{__name__}.{KernelLocator.__name__}",
-    }
-    previous = {name: getattr(numba_config, name, "") for name in settings}
-    for name, value in settings.items():
-        setattr(numba_config, name, value)
-    try:
-        njit: Any = numba.njit
-        compiled = njit(cache=True, error_model="numpy", **{**_UNCOUNTED, **options})(function)
-    finally:
-        for name, value in previous.items():
-            setattr(numba_config, name, value)
-    return cast(F, compiled)
+    with _lock:
+        if not _ready:
+            waiting = Kernel(function, options)
+            _waiting.append(waiting)
+            return cast(F, waiting)
+    _put_in_place(function.__globals__)
+    return cast(F, _dispatcher(function, options))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from hev_can_emu.commands._live import LiveLine, bar
@@ -30,22 +30,32 @@ def ready_emulator(setup: Setup) -> Emulator:
 @contextlib.contextmanager
 def compiling(quiet: bool = False) -> Iterator[Compilation]:
     """Show, on stderr, how many kernels have been compiled; nothing while none has to be."""
-    from numba.core import event
+    from hev_can_emu.jit import before_compiling
 
     told = Compilation(quiet)
 
-    class Listener(event.Listener):
-        def on_start(self, event: Any) -> None:
-            told.begin()
+    def listen() -> None:
+        from numba.core import event as untyped_event
 
-        def on_end(self, event: Any) -> None:
-            told.add(event.data["dispatcher"])
+        event: Any = untyped_event
 
-    with event.install_listener("numba:compile", Listener()):
-        try:
-            yield told
-        finally:
-            told.end()
+        class Listener(untyped_event.Listener):
+            def on_start(self, event: Any) -> None:
+                told.begin()
+
+            def on_end(self, event: Any) -> None:
+                told.add(event.data["dispatcher"])
+
+        if not told.ended:
+            listener = Listener()
+            event.register("numba:compile", listener)
+            told.deaf = lambda: event.unregister("numba:compile", listener)
+
+    before_compiling(listen)
+    try:
+        yield told
+    finally:
+        told.end()
 
 
 class Compilation:
@@ -53,10 +63,14 @@ class Compilation:
 
     Attributes:
         count: kernels compiled so far.
+        ended: whether it counts no more.
+        deaf: ends the listening, if there is any.
     """
 
     def __init__(self, quiet: bool) -> None:
         self.count = 0
+        self.ended = False
+        self.deaf: Callable[[], object] = lambda: None
         self._quiet = quiet
         self._line = LiveLine()
         self._started_s = time.monotonic()
@@ -90,6 +104,8 @@ class Compilation:
 
     def end(self) -> None:
         """Say how long it took."""
+        self.ended = True
+        self.deaf()
         if self._expected and not self._quiet:
             self._line.say(
                 f"compiled {self.count} kernels in {time.monotonic() - self._started_s:.0f} s"

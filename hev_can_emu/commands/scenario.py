@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from hev_can_emu.report.run_report import RunReport
     from hev_can_emu.runtime.emulator import Emulator, Event
     from hev_can_emu.runtime.playing import Playing
+    from hev_can_emu.runtime.reporting import RunLog
     from hev_can_emu.runtime.scenario_runs import Run
     from hev_can_emu.runtime.setup import Setup
     from hev_can_emu.runtime.statistics import Statistics
@@ -102,7 +103,6 @@ def execute(arguments: argparse.Namespace) -> int:
         raise InputError("--bus", "no bus with --clock virtual", f"'{arguments.bus}'", hint)
 
     mqtt_address(arguments)  # told at once if it cannot be one
-    from hev_can_emu.commands._reports import write_whole
     from hev_can_emu.commands._result import make_folder, print_ledger, print_result
     from hev_can_emu.resources import folder, shipped_or_path
     from hev_can_emu.telemetry.recorder import check_ending
@@ -145,6 +145,8 @@ def execute(arguments: argparse.Namespace) -> int:
         if report is not None:
             reports.append((report, stem))
     if out is not None and reports:
+        from hev_can_emu.commands._reports import write_whole
+
         write_whole(out, ", ".join(dict.fromkeys(path.stem for path in paths)), reports)
     # As severe as the worst: unusable, fail, inconclusive, pass.
     return next((code for code in (2, 1, 3) if code in codes), 0)
@@ -264,12 +266,9 @@ def _run(
     stem: str,
     arguments: argparse.Namespace,
 ) -> tuple[Result, RunReport | None]:
-    from hev_can_emu.commands._reports import command_of, write_run, write_slices
-    from hev_can_emu.commands._result import Result, draw, ledger_content
-    from hev_can_emu.runtime.recording import Recording, network_of
-    from hev_can_emu.runtime.reporting import RunLog, make_report
+    from hev_can_emu.commands._result import Result
+    from hev_can_emu.runtime.recording import Recording
     from hev_can_emu.runtime.virtual import play_on_wire, play_virtual
-    from hev_can_emu.telemetry.recorder import FORMATS
 
     emulator = playing.emulator
     # Virtual time has no date: its recordings start at zero, and repeat to the byte.
@@ -277,7 +276,11 @@ def _run(
     epoch_ns = 0 if bus is None or lockstep else time.time_ns()
     endings: list[str] = arguments.record or [".blf", ".log"] if out is not None else []
     files = [f"{stem}{ending}" for ending in endings]
-    log = RunLog(playing) if out is not None and not arguments.no_report else None
+    log: RunLog | None = None
+    if out is not None and not arguments.no_report:
+        from hev_can_emu.runtime.reporting import RunLog
+
+        log = RunLog(playing)
     recording = Recording(emulator, [out / name for name in files] if out else [], epoch_ns)
     sinks = recording.sinks if log is None else [*recording.sinks, log.add]
     mqtt = MqttSide(arguments, emulator, None if bus is None else epoch_ns, _say)
@@ -315,6 +318,12 @@ def _run(
     )  # fmt: skip
     if out is None or log is None:
         return result, None
+    from hev_can_emu.commands._reports import command_of, write_run, write_slices
+    from hev_can_emu.commands._result import draw, ledger_content
+    from hev_can_emu.runtime.recording import network_of
+    from hev_can_emu.runtime.reporting import make_report
+    from hev_can_emu.telemetry.recorder import FORMATS
+
     if arguments.slice is not None:
         kind = next((each for each in endings if each.lower() in FORMATS), ".log")
         files += write_slices(

@@ -155,18 +155,82 @@ def transmit(
         if n_out >= capacity:
             break
         m = restbus.order[place]
-        if is_idle(restbus.schedule[m, R_TYPE], state, m, t_ns):
-            continue
-        if is_due(restbus, codec, state, enabled, values, on_bus_values, m, t_ns):
-            base = m * T_COLUMNS
-            counter = state[base + T_COUNTER]
-            saturated = write_frame(
-                codec, protection, m, counter, values, on_bus_values, t_ns, frames_out, n_out
-            )
-            state[base + T_COUNTER] += 1
-            state[base + T_SENT] += 1
-            state[base + T_SATURATED] += saturated
-            n_out += 1
+        if not is_idle(restbus.schedule[m, R_TYPE], state, m, t_ns):
+            n_out = _transmit_one(
+                codec, protection, restbus, state, enabled, values, on_bus_values, t_ns,
+                frames_out, n_out, m,
+            )  # fmt: skip
+    return n_out
+
+
+@kernel
+def not_idle(restbus: Restbus, state: np.ndarray, t_ns: int, messages: np.ndarray) -> Any:
+    """Write into ``messages``, int64, what may be due at ``t_ns``, by priority; return how many."""
+    count: Any = np.int64(0)
+    for place in range(restbus.order.shape[0]):
+        m = restbus.order[place]
+        if not is_idle(restbus.schedule[m, R_TYPE], state, m, t_ns):
+            messages[count] = m
+            count += 1
+    return count
+
+
+@kernel
+def transmit_these(
+    codec: Codec,
+    protection: Protection,
+    restbus: Restbus,
+    state: np.ndarray,
+    enabled: np.ndarray,
+    values: np.ndarray,
+    on_bus_values: np.ndarray,
+    t_ns: int,
+    frames_out: np.ndarray,
+    n_out: int,
+    messages: np.ndarray,
+    count: int,
+) -> Any:
+    """As :func:`transmit`, of what :func:`not_idle` found, and with room for all of it.
+
+    ``messages`` then begins with the messages of the new frames, in their order.
+    """
+    first = n_out
+    for i in range(count):
+        m = messages[i]
+        before = n_out
+        n_out = _transmit_one(
+            codec, protection, restbus, state, enabled, values, on_bus_values, t_ns, frames_out,
+            n_out, m,
+        )  # fmt: skip
+        if n_out > before:
+            messages[before - first] = m
+    return n_out
+
+
+@kernel
+def _transmit_one(
+    codec: Codec,
+    protection: Protection,
+    restbus: Restbus,
+    state: np.ndarray,
+    enabled: np.ndarray,
+    values: np.ndarray,
+    on_bus_values: np.ndarray,
+    t_ns: int,
+    frames_out: np.ndarray,
+    n_out: int,
+    m: int,
+) -> Any:
+    if is_due(restbus, codec, state, enabled, values, on_bus_values, m, t_ns):
+        base = m * T_COLUMNS
+        counter = state[base + T_COUNTER]
+        saturated = write_frame(
+            codec, protection, m, counter, values, on_bus_values, t_ns, frames_out, n_out
+        )
+        state[base + T_COUNTER] += 1
+        state[base + T_SENT] += 1
+        state[base + T_SATURATED] += saturated
+        n_out += 1
     return n_out
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from hev_can_emu.plant.detailed_parameters import Effects
 from hev_can_emu.plant.ledger import Ledger
 from hev_can_emu.plant.start import Start
 from hev_can_emu.plant.vehicle_file import finer_parameters
+from hev_can_emu.runtime.kept import kept
 from hev_can_emu.runtime.setup import Setup, load_car
 
 
@@ -54,8 +56,13 @@ class Car:
             self.unit = build_unit(finer, transmission_tuning(file, path))
             self.work = detailed_layout.WORK
         else:
-            structure = driveline_structure(parameters, setup.model, setup.reduction)
-            self.plant = build_plant(parameters, machines, structure)
+            self._key = repr((setup.model, setup.reduction)).encode() + Path(path).read_bytes()
+
+            def make() -> powertrain.Plant:
+                structure = driveline_structure(parameters, setup.model, setup.reduction)
+                return build_plant(parameters, machines, structure)
+
+            self.plant = kept("plant.assembly", "plant", self._key, make)
             self.work = powertrain.WORK
 
     def start(
@@ -64,7 +71,8 @@ class Car:
         """Return the float64 state, the int64 state and the truth at the start."""
         if self.unit is not None:
             return start_detailed(self.plant, begin)
-        return start_state(self.plant, begin)
+        key = repr(begin).encode() + self._key
+        return kept("plant.assembly", "start", key, lambda: start_state(self.plant, begin))
 
     def ledger(self, x: npt.NDArray[np.float64], n: npt.NDArray[np.int64]) -> Ledger | None:
         """Return the energy ledger at a state; None for a model that keeps none."""

@@ -43,6 +43,7 @@ from hev_can_emu.ecu.trouble_codes import (
     write_codes,
 )
 from hev_can_emu.errors import InputError, did_you_mean
+from hev_can_emu.jit import uncompiled
 from hev_can_emu.messages.codec import build_codec
 from hev_can_emu.messages.database import Database
 from hev_can_emu.messages.definitions import SignalDef
@@ -247,12 +248,14 @@ class Emulator:
         state.power[:] = tick.AWAKE if ready else tick.ASLEEP
         state.power[constants.follows_ignition == 0] = tick.AWAKE
         state.scalars[tick.LAST_MODE] = ports.MODE_ELECTRIC_NEUTRAL
-        control.start_units(state.unit_state, ready)
-        transmission_unit.start_unit(state.transmission)
-        reset_restbus(constants.restbus, state.transmit, 0)
-        reset_receive(constants.codec, state.receive)
-        supervision.reset_supervision(state.supervision)
-        reset_codes(state.codes)
+        state.scalars[tick.RECHECK] = 1
+        with uncompiled():
+            control.start_units(state.unit_state, ready)
+            transmission_unit.start_unit(state.transmission)
+            reset_restbus(constants.restbus, state.transmit, 0)
+            reset_receive(constants.codec, state.receive)
+            supervision.reset_supervision(state.supervision)
+            reset_codes(state.codes)
         state.scalars[tick.OPERATING] = 1 if ready else 0
         inputs = {
             ports.ACCELERATOR: 0.0,
@@ -375,6 +378,7 @@ class Emulator:
     def send_message(self, message: int, enabled: bool) -> None:
         """Stop or resume the sending of one message."""
         self.state.muted[message] = 0 if enabled else 1
+        self.state.scalars[tick.RECHECK] = 1
 
     @property
     def saturations(self) -> int:
@@ -571,6 +575,8 @@ def _allocate(
 ) -> tuple[npt.NDArray[np.uint8], State]:
     """Lay the whole state out in one buffer; return it and the views."""
     messages = len(origin)
+    with uncompiled():
+        room = tick.faulty_room(messages)
     signals = constants.codec.signals.shape[0]
     nodes = len(constants.follows_ignition)
     i8, f8, u1 = np.dtype(np.int64), np.dtype(np.float64), np.dtype(np.uint8)
@@ -607,7 +613,7 @@ def _allocate(
         "enabled": (u1, (messages,)),
         "accept": (u1, (messages,)),
         "told": (u1, (messages,)),
-        "pending": (FRAME, (tick.faulty_room(messages),)),
+        "pending": (FRAME, (room,)),
         "fault_whole": (i8, (fault_table.SLOTS, fault_table.WHOLE_COLUMNS)),
         "fault_real": (f8, (fault_table.SLOTS, fault_table.REAL_COLUMNS)),
         "fault_counts": (i8, (fault_table.N_COUNTS,)),
@@ -628,10 +634,11 @@ def _allocate(
     state = State(
         **views,
         faults=faults,
-        frames_out=make_frames(max(FRAMES_OUT, tick.faulty_room(messages))),
+        frames_out=make_frames(max(FRAMES_OUT, room)),
         scratch=make_frames(messages + HELD_FRAMES),
         events=np.zeros(EVENTS, dtype=EVENT),
         result=np.zeros(4, dtype=np.int64),
+        due=np.zeros(messages, dtype=np.int64),
     )
     state.origin[:] = origin
     state.accept[:] = origin == tick.ORIGIN_BUS

@@ -9,10 +9,9 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba.extending import overload
 
 from hev_can_emu.ecu.transmission_unit import TransmissionUnit, tell_shift, transmission_step
-from hev_can_emu.jit import kernel
+from hev_can_emu.jit import before_compiling, kernel
 from hev_can_emu.plant.detailed import detailed_step
 from hev_can_emu.plant.detailed_layout import DetailedPlant
 from hev_can_emu.plant.powertrain import Plant, plant_step
@@ -61,11 +60,11 @@ def advance_plant(
     return advanced
 
 
-@overload(advance_plant)
 def _advance_compiled(
     plant: Any, unit: Any, transmission: Any, x: Any, n: Any, command: Any,
     truth: Any, work: Any, t_ns: Any, events: Any, n_events: Any,
 ) -> Any:  # fmt: skip
+    # The same, when the tick is compiled.
     kernel_of: Any = advance_detailed if plant.instance_class is DetailedPlant else advance_simple
 
     def advance(
@@ -77,3 +76,12 @@ def _advance_compiled(
         )
 
     return advance
+
+
+def _choose_at_compilation() -> None:
+    from numba.extending import overload
+
+    overload(advance_plant)(_advance_compiled)
+
+
+before_compiling(_choose_at_compilation)

@@ -12,8 +12,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba.core import types
-from numba.experimental import structref
 
 from hev_can_emu.ecu import ports
 from hev_can_emu.ecu.control import IGNITION_ON, commands_from_requests
@@ -37,13 +35,14 @@ from hev_can_emu.ecu.supervision import begin_cycle, is_taken, take_message, wat
 from hev_can_emu.ecu.ties import ResolvedBindings, message_from_statuses, sent_value
 from hev_can_emu.ecu.transmission_unit import TransmissionUnit
 from hev_can_emu.ecu.trouble_codes import count_codes
-from hev_can_emu.jit import JIT_DISABLED, counting_kernel, inner_kernel, kernel
+from hev_can_emu.jit import inner_kernel, kernel
 from hev_can_emu.messages.codec import Codec, decode, find_message
 from hev_can_emu.messages.columns import M_COUNT, M_FIRST, M_WIRE_LENGTH
-from hev_can_emu.messages.frame import ERROR, EXTENDED, REMOTE, SENT
+from hev_can_emu.messages.frame import ERROR, EXTENDED, REMOTE, SENT, make_frames
 from hev_can_emu.messages.protection import LENGTH_WRONG, Protection, is_accepted
 from hev_can_emu.messages.restbus import Restbus
-from hev_can_emu.messages.transfer import receive, transmit
+from hev_can_emu.messages.transfer import not_idle, receive, transmit_these
+from hev_can_emu.native import Bound
 from hev_can_emu.plant.detailed_layout import DetailedPlant
 from hev_can_emu.plant.events import note
 from hev_can_emu.plant.powertrain import Y_SYNC_PHASE, Plant
@@ -69,7 +68,8 @@ WIRED = (
     9  #: 1: what this program sends acts, and is seen, when it comes back from the bus marked SENT
 )
 OPERATING, CODES_ACTIVE, CODES_CONFIRMED = 10, 11, 12
-N_SCALARS = 13
+RECHECK = 13  #: 1: who sends what is looked at anew in the next tick
+N_SCALARS = 14
 
 MODE_CHANGED, SYNC_CHANGED, CONFLICT = 20, 21, 22  #: kinds of events
 
@@ -111,7 +111,7 @@ class State(NamedTuple):
     ``sensed``: the sensors' filters; ``health``: what the units know of their machines' faults;
     ``codes``: trouble codes.
     ``frames_out``, ``events`` and ``result`` carry a call's results, ``scratch`` is where frames pass
-    faults; they are no part of a snapshot.
+    faults, ``due`` the messages that are sent; they are no part of a snapshot.
     """
 
     scalars: Integers
@@ -154,6 +154,7 @@ class State(NamedTuple):
     scratch: Frames
     events: Frames
     result: Integers
+    due: Integers
 
 
 @inner_kernel
@@ -175,6 +176,7 @@ def _take_frame(
     if message < 0:
         return
     mode = constants.protection_mode
+    refused = state.supervision[message, SUP_REFUSED]
     if code != LENGTH_WRONG and not is_accepted(code, mode) and (
         is_taken(constants.rules, message, code, mode)
     ):  # fmt: skip
@@ -183,6 +185,7 @@ def _take_frame(
         constants.ties, constants.rules, state.supervision, message, code, mode, state.on_bus,
         state.requests, state.statuses, t_ns,
     )  # fmt: skip
+    state.scalars[REFUSED] += state.supervision[message, SUP_REFUSED] - refused
     command = state.requests[ports.FAULT_COMMAND]
     if command > 0.0:
         control_rows(
@@ -233,6 +236,11 @@ def _take_late(constants: Constants, state: State, message: int, t_ns: int) -> N
 
 
 @inner_kernel
+def _sent_message(codec: Codec, frames: Frames, i: int) -> Any:
+    return find_message(codec, frames[i]["id"], np.int64(frames[i]["flags"]) & EXTENDED)
+
+
+@inner_kernel
 def _show(constants: Constants, state: State, i: int, message: int, faulty: bool) -> None:
     """Let ``on_bus`` tell what a frame sent tells; nobody reads one of a wrong length."""
     codec = constants.codec
@@ -268,6 +276,7 @@ def _power_nodes(constants: Constants, state: State, t_ns: int) -> None:
     """Nodes boot and fall asleep with the ignition; a message is enabled while its sender is up."""
     ignition = state.effective[ports.IGNITION]
     on = ignition >= IGNITION_ON
+    changed = state.scalars[RECHECK] != 0
     for node in range(state.power.shape[0]):
         phase = state.power[node]
         since = t_ns - state.power_since_ns[node]
@@ -285,6 +294,10 @@ def _power_nodes(constants: Constants, state: State, t_ns: int) -> None:
         if new != phase:
             state.power[node] = new
             state.power_since_ns[node] = t_ns
+            changed = True
+    if not changed:
+        return
+    state.scalars[RECHECK] = 0
     for message in range(state.origin.shape[0]):
         enabled = 0
         if state.muted[message] == 0:
@@ -296,9 +309,10 @@ def _power_nodes(constants: Constants, state: State, t_ns: int) -> None:
 
 
 @inner_kernel
-def _fill_values(constants: Constants, state: State) -> None:
-    """Statuses become signals; a booting node knows nothing yet but that it boots."""
-    for message in range(state.origin.shape[0]):
+def _fill_values(constants: Constants, state: State, count: int) -> None:
+    """Statuses become signals of what may be sent now; a booting node knows only that it boots."""
+    for i in range(count):
+        message = state.due[i]
         if state.origin[message] != ORIGIN_UNIT or state.enabled[message] == 0:
             continue
         if state.power[constants.ties.message_node[message]] == BOOTING:
@@ -326,10 +340,10 @@ def faulty_room(messages: int) -> int:
 def run_ticks(
     constants: Constants,
     state: State,
+    script: Script,
     ticks: int,
     frames_in: Frames,
     n_in: int,
-    script: Script,
 ) -> Any:
     """Advance by up to ``ticks`` ticks.
 
@@ -337,9 +351,9 @@ def run_ticks(
         constants, state: see there; what is sent goes to ``state.frames_out``, what happens to
             ``state.events``, and ``state.result`` tells how many: frames sent, frames taken from
             ``frames_in``, events, ticks done.
+        script: what a scenario does at each tick; it may stop before one.
         ticks: how many.
         frames_in: received frames, in order of time; ``n_in`` of them.
-        script: what a scenario does at each tick; it may stop before one.
 
     Returns:
         The number of ticks done: fewer than asked for when the script stops, and when ``frames_out`` or
@@ -416,10 +430,7 @@ def run_ticks(
         if changed or recount:
             count_into(state.codes, state.scalars)
         state.scalars[FAILED] = failed
-        refused = 0
-        for message in range(messages):
-            refused += state.supervision[message, SUP_REFUSED]
-        state.scalars[REFUSED] = refused
+        refused = state.scalars[REFUSED]
         commands_from_requests(
             state.effective, state.share, state.statuses, state.truth, constants.brake_max,
             state.unit_state, state.command,
@@ -443,14 +454,16 @@ def run_ticks(
             state.scalars[LAST_MODE] = mode
             n_events = note(events, n_events, t_ns, MODE_CHANGED, mode, 0.0)
         _power_nodes(constants, state, t_ns)
-        _fill_values(constants, state)
+        count = not_idle(constants.restbus, state.transmit, t_ns, state.due)
+        _fill_values(constants, state, count)
         if faulty:
             silence_nodes(state.faults, constants.ties.message_node, state.enabled)
+            state.scalars[RECHECK] = 1
 
         first = n_out
-        n_out = transmit(
+        n_out = transmit_these(
             codec, constants.protection, constants.restbus, state.transmit, state.enabled,
-            state.values, state.encoded, t_ns, frames_out, n_out, frames_out.shape[0],
+            state.values, state.encoded, t_ns, frames_out, n_out, state.due, count,
         )  # fmt: skip
         if faulty:
             n_out, n_events = pass_sent(
@@ -460,9 +473,10 @@ def run_ticks(
             resume_counters(state.faults, state.transmit)
         state.scalars[SENT_FRAMES] += n_out - first
         for i in range(first, n_out):
-            extended = np.int64(frames_out[i]["flags"]) & EXTENDED
-            message = find_message(codec, frames_out[i]["id"], extended)
-            if message < 0 or state.scalars[WIRED] != 0:
+            if state.scalars[WIRED] != 0:
+                break
+            message = state.due[i - first] if not faulty else _sent_message(codec, frames_out, i)
+            if message < 0:
                 continue
             _mark_seen(codec, state.seen_ns, message, t_ns)
             _show(constants, state, i, message, faulty)
@@ -491,45 +505,15 @@ def run_ticks(
     return done
 
 
-if JIT_DISABLED:
-
-    class World:
-        """Constants, state and script as one argument."""
-
-        def __init__(self, constants: Constants, state: State, script: Script) -> None:
-            self.constants = constants
-            self.state = state
-            self.script = script
-
-    def make_world(constants: Constants, state: State, script: Script) -> Any:
-        """Return all as one argument for :func:`run_world`."""
-        return World(constants, state, script)
-
-else:
-    # Unpacking a hundred arrays from tuples would cost more than the tick itself: a reference to one
-    # structure costs next to nothing.
-    @structref.register
-    class _WorldType(types.StructRef):
-        """Numba's type of a world."""
-
-    class World(structref.StructRefProxy):  # type: ignore[no-redef]
-        """Constants, state and script as one argument."""
-
-        def __new__(cls, constants: Constants, state: State, script: Script) -> Any:
-            """Return all as one argument; called from kernels only."""
-            make: Any = structref.StructRefProxy.__new__
-            return make(cls, constants, state, script)
-
-    define_proxy: Any = structref.define_proxy
-    define_proxy(World, _WorldType, ["constants", "state", "script"])
-
-    @counting_kernel
-    def make_world(constants: Constants, state: State, script: Script) -> Any:
-        """Return all as one argument for :func:`run_world`."""
-        return World(constants, state, script)
+LONG = 200  #: ticks from which on a call lets other threads run
 
 
-@counting_kernel
-def run_world(world: Any, ticks: int, frames_in: Frames, n_in: int) -> Any:
+def make_world(constants: Constants, state: State, script: Script) -> Bound:
+    """Return all as one argument for :func:`run_world`."""
+    # Unpacking a hundred arrays from tuples at each call would cost more than the tick itself.
+    return Bound(run_ticks, (constants, state, script), (1, make_frames(1), 1))
+
+
+def run_world(world: Bound, ticks: int, frames_in: Frames, n_in: int) -> int:
     """Advance as :func:`run_ticks` does, with what :func:`make_world` made."""
-    return run_ticks(world.constants, world.state, ticks, frames_in, n_in, world.script)
+    return world(ticks, frames_in, n_in, release=ticks >= LONG)

@@ -29,7 +29,7 @@ class TraceHash:
 
     def add(self, frames: npt.NDArray[np.void], count: int) -> None:
         """Take frames (FRAME records) into the hash."""
-        self._digest.update(frames[:count].tobytes())
+        self._digest.update(np.ascontiguousarray(frames[:count]).view(np.uint8).data)
 
     def hexdigest(self) -> str:
         """Return the hash so far."""

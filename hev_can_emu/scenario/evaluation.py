@@ -131,7 +131,12 @@ def _compares(operation: int, a: float, b: float) -> bool:
 
 
 @kernel
-def evaluate_rows(code: Code, rows: Array, stack: Array, out: Array) -> None:
-    """Write into ``out``, shape (n,), the value of ``code`` over each of ``rows``, shape (n, columns)."""
+def evaluate_rows(code: Code, rows: Array, stack: Array, out: Array) -> int:
+    """Write into ``out``, shape (n,), the value of ``code`` over each of ``rows``, shape (n, columns).
+
+    Returns:
+        n.
+    """
     for i in range(rows.shape[0]):
         out[i] = evaluate(code, rows[i], stack)
+    return int(rows.shape[0])

@@ -8,6 +8,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from hev_can_emu.jit import uncompiled
+from hev_can_emu.native import native
 from hev_can_emu.scenario.evaluation import STACK, Code, evaluate, evaluate_rows
 from hev_can_emu.scenario.signals import Signal
 from hev_can_emu.units import Unit
@@ -83,11 +85,12 @@ class Expression(NamedTuple):
 
 def single(code: Code, row: Array) -> float:
     """Return the value of ``code`` over one row."""
-    return evaluate(code, row, _STACK)
+    with uncompiled(), np.errstate(all="ignore"):
+        return float(evaluate(code, row, _STACK))
 
 
 def over_rows(code: Code, rows: Array) -> Array:
     """Return the value of ``code`` over each of ``rows``."""
     out = np.empty(len(rows))
-    evaluate_rows(code, rows, _STACK, out)
+    native(evaluate_rows, code, rows, _STACK, out)
     return out

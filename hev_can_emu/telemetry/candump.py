@@ -10,23 +10,30 @@
 
 No direction follows: readers other than python-can's refuse its trailing ``R`` or ``T``.
 
-Every line is laid out in a row of one byte matrix at its widest, beside a mask of the bytes in
-use; the masked bytes, taken in order, are the text.  That is some ten times faster than line by line.
+One compiled loop writes the text, byte by byte, into a buffer that has room for the longest lines.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
+from hev_can_emu.jit import kernel
 from hev_can_emu.messages.frame import BRS, ERROR, EXTENDED, FD, REMOTE
+from hev_can_emu.native import native
 
-_HEX = np.frombuffer(b"0123456789ABCDEF", dtype=np.uint8)
+Text = npt.NDArray[np.uint8]
+
 _ERROR_FLAG = 0x2000_0000
 _BUS_ERROR = 0x80  # error class of frames that name none
 _ERROR_LENGTH = 8
-_CHUNK = 16_384  #: rows formatted at a time: bounds memory, and stays in the cache
+_MOST_DATA = 64
+_TIME = 18  # bytes: a bracket, ten digits, point, six digits
+_LONGEST = _TIME + 8 + 3 + 2 * _MOST_DATA + 1  #: bytes of a line, without the channel's name
+_CHUNK = 16_384  #: frames formatted at a time: bounds memory
 
 
 class CandumpWriter:
@@ -74,57 +81,90 @@ def format_candump(frames: np.ndarray, epoch_ns: int = 0, channel: str = "vcan0"
 
 
 def _format(frames: np.ndarray, epoch_ns: int, channel: str) -> bytes:
-    count = len(frames)
-    flags = frames["flags"]
-    error = (flags & ERROR) != 0
-    remote = ((flags & REMOTE) != 0) & ~error
-    fd = ((flags & FD) != 0) & ~error & ~remote
-    eight_digits = ((flags & EXTENDED) != 0) | error
-    length = np.where(error, _ERROR_LENGTH, np.where(remote, 0, frames["length"])).astype(np.int64)
-
     name = np.frombuffer(f") {channel} ".encode(), dtype=np.uint8)
-    widest = int(length.max())
-    time_at = 1
-    name_at = time_at + 17  # ten digits, point, six digits
-    id_at = name_at + len(name)
-    mark_at = id_at + 8  # '#', then '#' and flags of FD, or 'R' and length of remote frames
-    data_at = mark_at + 3
-    end_at = data_at + 2 * widest
-    text = np.empty((count, end_at + 1), dtype=np.uint8)
-    used = np.ones((count, end_at + 1), dtype=np.bool_)
-
-    text[:, 0] = ord("(")
-    microseconds = (frames["t_ns"] + np.int64(epoch_ns)) // 1000
-    seconds, rest = np.divmod(microseconds, 1_000_000)
-    _decimals(text[:, time_at : time_at + 10], seconds)
-    text[:, time_at + 10] = ord(".")
-    _decimals(text[:, time_at + 11 : name_at], rest)
-    text[:, name_at:id_at] = name
-
-    identifier = frames["id"] & np.uint32(0x1FFF_FFFF)
-    unnamed = np.where(identifier == 0, _BUS_ERROR, identifier)
-    identifier = np.where(error, unnamed | _ERROR_FLAG, identifier)
-    for digit in range(8):
-        text[:, id_at + digit] = _HEX[(identifier >> (28 - 4 * digit)) & 15]
-    used[:, id_at : id_at + 5] = eight_digits[:, None]
-
-    text[:, mark_at] = ord("#")
-    text[:, mark_at + 1] = np.where(remote, ord("R"), ord("#"))
-    used[:, mark_at + 1] = fd | remote
-    stated = np.minimum(frames["length"], 8)
-    text[:, mark_at + 2] = _HEX[np.where(remote, stated, (flags & BRS) != 0)]
-    used[:, mark_at + 2] = fd | (remote & (stated > 0))
-
-    data = frames["data"][:, :widest] * ~error[:, None]
-    text[:, data_at:end_at:2] = _HEX[data >> 4]
-    text[:, data_at + 1 : end_at : 2] = _HEX[data & 15]
-    used[:, data_at:end_at] = np.arange(2 * widest) < 2 * length[:, None]
-    text[:, end_at] = ord("\n")
-    return text[used].tobytes()
+    text = np.empty(len(frames) * (_LONGEST + len(name)), dtype=np.uint8)
+    return text[: native(write_lines, frames, epoch_ns, name.copy(), text)].tobytes()
 
 
-def _decimals(columns: np.ndarray, values: np.ndarray) -> None:
-    """Write non-negative ``values`` as decimal digits, right-aligned, into all ``columns``."""
-    for column in range(columns.shape[1] - 1, -1, -1):
-        values, digit = np.divmod(values, 10)
-        columns[:, column] = digit + ord("0")
+@kernel
+def write_lines(frames: np.ndarray, epoch_ns: int, name: Text, text: Text) -> int:
+    """Write frames as lines into ``text``, uint8, long enough; return how many bytes that took.
+
+    ``name``: what follows the time, uint8.
+    """
+    at: Any = 0
+    line: Any = 0  # where the line before began
+    before: Any = np.int64(-1)
+    for i in range(frames.shape[0]):
+        flags = np.int64(frames[i]["flags"])
+        error = flags & ERROR != 0
+        remote = flags & REMOTE != 0 and not error
+        fd = flags & FD != 0 and not error and not remote
+        length: Any = np.int64(frames[i]["length"])
+        microseconds = (np.int64(frames[i]["t_ns"]) + epoch_ns) // 1000
+        if microseconds == before:
+            for n in range(_TIME):
+                text[at + n] = text[line + n]
+        else:
+            _write_time(microseconds, text, at)
+            before = microseconds
+        line = at
+        at += _TIME
+        for n in range(name.shape[0]):
+            text[at + n] = name[n]
+        at += name.shape[0]
+
+        identifier: Any = np.int64(frames[i]["id"]) & 0x1FFF_FFFF
+        digits = 3
+        if error:
+            identifier = (_BUS_ERROR if identifier == 0 else identifier) | _ERROR_FLAG
+        if error or flags & EXTENDED != 0:
+            digits = 8
+        for n in range(digits):
+            text[at + n] = _hexadecimal((identifier >> (4 * (digits - 1 - n))) & 15)
+        at += digits
+        text[at] = 35  # '#'
+        at += 1
+        if remote:
+            text[at] = 82  # 'R'
+            at += 1
+            if length > 0:
+                text[at] = _hexadecimal(min(length, 8))
+                at += 1
+            length = 0
+        elif fd:
+            text[at] = 35
+            text[at + 1] = _hexadecimal(1 if flags & BRS != 0 else 0)
+            at += 2
+        elif error:
+            length = _ERROR_LENGTH
+        data = frames[i]["data"]
+        for n in range(min(length, _MOST_DATA)):
+            byte = np.int64(0) if error else np.int64(data[n])
+            text[at] = _hexadecimal(byte >> 4)
+            text[at + 1] = _hexadecimal(byte & 15)
+            at += 2
+        text[at] = 10
+        at += 1
+    return int(at)
+
+
+@kernel
+def _hexadecimal(digit: Any) -> Any:
+    """Return the character of a hexadecimal digit, without a branch."""
+    return 48 + digit + 7 * ((digit + 6) >> 4)
+
+
+@kernel
+def _write_time(microseconds: Any, text: Text, at: int) -> None:
+    """Write ``(1436509052.249713`` at ``at``."""
+    text[at] = 40
+    text[at + 11] = 46
+    rest: Any = microseconds % 1_000_000
+    for n in range(6):
+        text[at + 17 - n] = 48 + rest % 10
+        rest //= 10
+    rest = microseconds // 1_000_000
+    for n in range(10):
+        text[at + 10 - n] = 48 + rest % 10
+        rest //= 10

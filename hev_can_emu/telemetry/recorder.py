@@ -267,10 +267,10 @@ class Recorder:
 
 
 def _joined(batches: list[np.ndarray | TruthSamples]) -> Iterator[np.ndarray | TruthSamples]:
-    """Yield the batches in order, runs of frames as one."""
+    """Yield the batches in order, runs of frames as one where they are short."""
     for is_truth, run in itertools.groupby(batches, lambda batch: isinstance(batch, TruthSamples)):
         parts = list(run)
-        if is_truth or len(parts) == 1:
+        if is_truth or len(parts) == 1 or all(len(part) > WAKE_FRAMES for part in parts):
             yield from parts
         else:
             yield np.concatenate(parts)

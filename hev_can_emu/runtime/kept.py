@@ -1,0 +1,110 @@
+"""Results kept from run to run: named tuples of arrays and numbers, in the user's cache folder.
+
+An entry is written in one piece, under a hash of what the result follows from, in the folder of the code
+that makes it; one that cannot be read, or is damaged, is made anew.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import importlib
+import json
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from hev_can_emu.jit import JIT_DISABLED, cache_folder
+
+T = TypeVar("T")
+
+_KEPT = 20  #: entries of each kind, per version of the code
+_ALIGNED = 64
+_PACKAGE = __name__.partition(".")[0]
+
+
+def kept(module: str, name: str, key: bytes, make: Callable[[], T]) -> T:
+    """Return what ``make`` returns, from the cache where it is there.
+
+    Args:
+        module: whose code makes it, as :func:`hev_can_emu.jit.cache_folder` takes it.
+        name: of the kind of result.
+        key: what it follows from, besides the code.
+        make: makes it: named and plain tuples, arrays of numbers, floats, whole numbers and None.
+    """
+    if JIT_DISABLED:  # its numbers may differ in the last bits
+        return make()
+    path = cache_folder(module) / f"{name}-{hashlib.sha256(key).hexdigest()[:32]}.kept"
+    with contextlib.suppress(OSError, ValueError, TypeError, LookupError, AttributeError):
+        found: T = _read(path)
+        return found
+    made = make()
+    with contextlib.suppress(OSError):
+        _write(path, made)
+        entries = sorted(path.parent.glob(f"{name}-*.kept"), key=lambda each: each.stat().st_mtime)
+        for old in entries[:-_KEPT]:
+            old.unlink()
+    return made
+
+
+def _read(path: Path) -> Any:
+    content = np.fromfile(path, dtype=np.uint8)
+    told, rest = content[:32].tobytes(), content[32:]
+    if hashlib.sha256(rest.data).digest() != told:
+        raise ValueError("damaged")
+    size = int(rest[:8].view(np.int64)[0])
+    form = json.loads(rest[8 : 8 + size].tobytes())
+    return _grown(form, content[_start(size) :])
+
+
+def _start(size: int) -> int:
+    """Return where the arrays start in the file, after a description of ``size`` bytes."""
+    return -(-(40 + size) // _ALIGNED) * _ALIGNED
+
+
+def _write(path: Path, value: Any) -> None:
+    parts: list[bytes] = []
+    form = json.dumps(_described(value, parts, [0])).encode()
+    rest = len(form).to_bytes(8, "little") + form
+    rest += bytes(_start(len(form)) - 32 - len(rest)) + b"".join(parts)
+    handle, name = tempfile.mkstemp(dir=path.parent)
+    with os.fdopen(handle, "wb") as file:
+        file.write(hashlib.sha256(rest).digest() + rest)
+    os.replace(name, path)
+
+
+def _described(value: Any, parts: list[bytes], at: list[int]) -> Any:
+    if isinstance(value, np.ndarray):
+        raw = np.ascontiguousarray(value).tobytes()
+        place = at[0]
+        parts.append(raw + bytes(-len(raw) % _ALIGNED))
+        at[0] += len(parts[-1])
+        return {"dtype": value.dtype.str, "shape": value.shape, "at": place}
+    if isinstance(value, tuple):
+        kind = type(value)
+        inner = [_described(each, parts, at) for each in value]
+        name = "" if kind is tuple else f"{kind.__module__}:{kind.__qualname__}"
+        return {"kind": name, "inner": inner}
+    if isinstance(value, np.generic):
+        return value.item()
+    return value
+
+
+def _grown(form: Any, content: Any) -> Any:
+    if not isinstance(form, dict):
+        return form
+    if "dtype" in form:
+        dtype, shape, at = np.dtype(form["dtype"]), form["shape"], form["at"]
+        length = dtype.itemsize * int(np.prod(shape))
+        return content[at : at + length].view(dtype).reshape(shape)
+    inner = [_grown(each, content) for each in form["inner"]]
+    if not form["kind"]:
+        return tuple(inner)
+    module, _, name = form["kind"].partition(":")
+    if module.partition(".")[0] != _PACKAGE:
+        raise ValueError(f"no kind of result: {module}")
+    return getattr(importlib.import_module(module), name)(*inner)
