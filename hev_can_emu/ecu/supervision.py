@@ -40,7 +40,7 @@ from hev_can_emu.ecu.ties import (
     received_value,
 )
 from hev_can_emu.ecu.trouble_codes import code_event
-from hev_can_emu.jit import kernel
+from hev_can_emu.jit import inlined_kernel, kernel
 from hev_can_emu.messages.protection import is_accepted
 from hev_can_emu.plant.events import note
 
@@ -265,7 +265,7 @@ def _watch_unit(
     return status
 
 
-@kernel
+@inlined_kernel
 def watch(
     ties: ResolvedBindings,
     rules: Rules,

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from hev_can_emu.jit import kernel
+from hev_can_emu.jit import inlined_kernel, kernel
 from hev_can_emu.messages.codec_tables import Codec, build_codec
 from hev_can_emu.messages.columns import (
     F_HIGH,
@@ -289,7 +289,7 @@ def decode(codec: Codec, message: int, data: np.ndarray, values: np.ndarray) -> 
     )
 
 
-@kernel
+@inlined_kernel
 def encode(
     codec: Codec,
     message: int,

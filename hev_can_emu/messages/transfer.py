@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from hev_can_emu.jit import kernel
+from hev_can_emu.jit import inlined_kernel, kernel
 from hev_can_emu.messages.codec import Codec, decode, encode, find_message, is_active, to_physical
 from hev_can_emu.messages.columns import (
     F_HIGH,
@@ -87,7 +87,7 @@ def reset_receive(codec: Codec, state: np.ndarray) -> None:
         state[m * X_COLUMNS + X_LAST_NS] = -(1 << 62)
 
 
-@kernel
+@inlined_kernel
 def write_frame(
     codec: Codec,
     protection: Protection,
@@ -207,7 +207,7 @@ def transmit_these(
     return n_out
 
 
-@kernel
+@inlined_kernel
 def _transmit_one(
     codec: Codec,
     protection: Protection,
@@ -266,7 +266,7 @@ def count_out_of_range(codec: Codec, message: int, data: np.ndarray) -> Any:
     return count
 
 
-@kernel
+@inlined_kernel
 def receive(
     codec: Codec,
     protection: Protection,
