@@ -156,7 +156,8 @@ class TransmitSet:
         count, signals = len(rows), codec.signals.shape[0]
         parts: list[npt.NDArray[Any]] = [
             codec.signals, codec.scaling, codec.lists, codec.ranges, codec.places, rows,
-            np.zeros(count, dtype=np.int64), protection.layout, protection.data_ids, protection.tables,
+            np.zeros(count, dtype=np.int64), protection.layout, protection.data_ids,
+            protection.tables.astype(np.int64),
             np.full(signals, np.nan), np.full(signals, np.nan), np.zeros(count * _WORDS, dtype=np.int64),
         ]  # fmt: skip
         starts = np.cumsum([H_SIZE, *(part.size for part in parts)])
