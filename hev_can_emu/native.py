@@ -36,6 +36,7 @@ from hev_can_emu.jit import (
 
 _HEAD = 2  # words of the table before the arguments: the result, and the place of an error
 _STORED = USUAL and sys.platform == "linux"
+_PACKAGE = __name__.partition(".")[0]
 _MARK = b"hev-can-emu machine code 1\n"
 _BY_REFERENCE = ctypes.PYFUNCTYPE(ctypes.c_int32, *[ctypes.c_void_p] * 3)
 _RELEASING = ctypes.CFUNCTYPE(ctypes.c_int32, *[ctypes.c_void_p] * 3)
@@ -187,10 +188,15 @@ def _code(function: Any, form: _Form, expressions: list[str]) -> _Code:
     types = " ".join(form.parts)
     key = written, types
     if key not in _codes:
-        path = _path(written, types) if _STORED else None
+        path = _path(written, types) if _is_stored(written) else None
         found = _load(path) if path is not None else None
         _codes[key] = found or _make(function, form, expressions, path)
     return _codes[key]
+
+
+def _is_stored(function: Callable[..., Any]) -> bool:
+    """Return whether its code is kept: not of functions elsewhere, whose changes nobody would notice."""
+    return _STORED and function.__module__.startswith(f"{_PACKAGE}.")
 
 
 def _make(function: Any, form: _Form, expressions: list[str], path: Path | None) -> _Code:

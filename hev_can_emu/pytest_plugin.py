@@ -165,14 +165,9 @@ class ScenarioItem(pytest.Item):
     def _car(self) -> tuple[Emulator, bytes]:
         """Return the run's car with its state at the start; alike ones are made once a session."""
         from hev_can_emu.runtime.emulator import Emulator
-        from hev_can_emu.runtime.setup import Setup
+        from hev_can_emu.runtime.scenario_runs import setup_of
 
-        scenario = self.run.scenario
-        head = {
-            key: value for key in ("vehicle", "model", "start") if (value := getattr(scenario, key))
-        }
-        owners: dict[str, str] = dict.fromkeys(scenario.plays, "emulated")
-        setup = Setup(nodes=owners | scenario.nodes, **head)
+        setup = setup_of(self.run.scenario)
         cars = self.config.stash[_cars]
         for known, emulator, start in cars:
             if known == setup:

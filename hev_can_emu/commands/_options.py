@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+import msgspec
 
 from hev_can_emu.errors import InputError
 
 if TYPE_CHECKING:
     from hev_can_emu.runtime.setup import Setup
+
+_FIELDS = ("vehicle", "model", "reduction", "dbc", "bindings", "faults", "protection", "start")
 
 
 def add_setup_arguments(parser: argparse.ArgumentParser) -> None:
@@ -50,46 +53,23 @@ def add_setup_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def make_setup(
-    arguments: argparse.Namespace,
-    scenario: Mapping[str, Any] | None = None,
-    plays: Mapping[str, str] | None = None,
-) -> Setup:
-    """Return the setup: command line over scenario over defaults.
-
-    Args:
-        arguments: parsed options of :func:`add_setup_arguments`.
-        scenario: fields of a scenario's head; None where it says nothing.
-        plays: owners of the nodes that a scenario plays; ``--node`` overrides.
+def make_setup(arguments: argparse.Namespace, base: Setup | None = None) -> Setup:
+    """Return the setup: command line over ``base`` (a scenario's), over defaults.
 
     Raises:
         InputError: ``--node`` is not NAME=OWNER.
     """
     from hev_can_emu.runtime.setup import Setup
 
-    nodes = dict(plays or {})
+    base = base or Setup()
+    nodes = dict(base.nodes)
     for text in arguments.node:
         name, equals, owner = text.partition("=")
         if not equals or not name or not owner:
             raise InputError("--node", "NAME=OWNER", f"'{text}'", "e.g. --node MCU2=external")
         nodes[name] = owner
-    chosen: dict[str, Any] = {
-        key: value for key, value in (scenario or {}).items() if value is not None
-    }
-    for key in (
-        "vehicle",
-        "model",
-        "reduction",
-        "dbc",
-        "bindings",
-        "faults",
-        "protection",
-        "start",
-    ):
-        value = getattr(arguments, key)
-        if value is not None:
-            chosen[key] = value
-    return Setup(nodes=nodes, **chosen)
+    told = {key: value for key in _FIELDS if (value := getattr(arguments, key)) is not None}
+    return msgspec.structs.replace(base, nodes=nodes, **told)
 
 
 def seconds(text: str) -> float:

@@ -7,6 +7,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+import msgspec
 import numpy as np
 
 from hev_can_emu.commands._model import check_plot
@@ -95,18 +96,15 @@ def _run(path: Path, model: str, args: argparse.Namespace, names: list[str]) -> 
 
     from hev_can_emu.commands._compiling import ready_emulator
     from hev_can_emu.runtime.playing import Playing
-    from hev_can_emu.runtime.scenario_runs import read_scenario
-    from hev_can_emu.runtime.setup import Setup
+    from hev_can_emu.runtime.scenario_runs import read_scenario, setup_of
     from hev_can_emu.runtime.tick import TICK_NS
     from hev_can_emu.runtime.truth_log import TruthLog
     from hev_can_emu.runtime.virtual import play_virtual
 
     document, scenario = read_scenario(path)
-    owners: dict[str, str] = dict.fromkeys(scenario.plays, "emulated")
-    head = {key: getattr(scenario, key) for key in ("vehicle", "start") if getattr(scenario, key)}
-    if args.vehicle:
-        head["vehicle"] = args.vehicle
-    emulator = ready_emulator(Setup(model=model, nodes=owners | scenario.nodes, **head))
+    setup = setup_of(scenario)
+    vehicle = args.vehicle or setup.vehicle
+    emulator = ready_emulator(msgspec.structs.replace(setup, model=model, vehicle=vehicle))
     log = TruthLog(emulator, names)
     playing = Playing(emulator, document, scenario)
     started = time.perf_counter()

@@ -64,9 +64,11 @@ def execute(arguments: argparse.Namespace) -> int:
     setup.check()
     if arguments.clock not in CLOCKS:
         raise InputError("--clock", f"one of {', '.join(CLOCKS)}", f"'{arguments.clock}'")
+    address = mqtt_address(arguments)  # told at once if it cannot be one
     if arguments.clock == "lockstep":
+        if address is not None:
+            raise InputError("--mqtt", "the wall's clock", "--clock lockstep")
         return _in_lockstep(arguments, setup)
-    mqtt_address(arguments)  # told at once if it cannot be one
     # After the options: what follows takes a second to import.
     import asyncio
 

@@ -7,7 +7,7 @@ import re
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import msgspec
 
@@ -228,21 +228,15 @@ def _car(
 ) -> tuple[Emulator, bytes]:
     """Return the car of a run with its state at the start, made where there is none like it."""
     from hev_can_emu.commands._compiling import ready_emulator
+    from hev_can_emu.runtime.scenario_runs import setup_of
 
     scenario = run.scenario
-    head: dict[str, Any] = {
-        key: getattr(scenario, key)
-        for key in ("vehicle", "model", "start")
-        if getattr(scenario, key)
-    }
-    owners: dict[str, str] = dict.fromkeys(scenario.plays, "emulated")
-    owners |= scenario.nodes
     try:
         if arguments.bus is None and scenario.bus is not None:
             from hev_can_emu.bus.open import open_bus
 
             open_bus(scenario.bus, time.monotonic_ns)
-        setup = make_setup(arguments, head, owners)
+        setup = make_setup(arguments, setup_of(scenario))
         for known, emulator, start in cars:
             if known == setup:
                 return emulator, start

@@ -17,7 +17,7 @@ from hev_can_emu.resources import folder
 from hev_can_emu.runtime.emulator import Emulator
 from hev_can_emu.runtime.playing import Playing
 from hev_can_emu.runtime.remote import Remote
-from hev_can_emu.runtime.scenario_runs import Run, read_runs
+from hev_can_emu.runtime.scenario_runs import Run, read_runs, setup_of
 from hev_can_emu.runtime.service import Service
 from hev_can_emu.telemetry.mqtt_commands import Action, Parameter, ScenarioStart, ScenarioStop
 
@@ -104,13 +104,8 @@ class RemoteScenarios:
     def _prepare(self, command: ScenarioStart) -> Playing:
         run = self._read(command)
         scenario = run.scenario
-        setup = self._service.emulator.setup
-        owners: dict[str, str] = dict.fromkeys(scenario.plays, "emulated")
-        changes: dict[str, Any] = {"nodes": owners | dict(scenario.nodes), "start": "ready"}
-        for key in ("vehicle", "model", "start"):
-            if value := getattr(scenario, key):
-                changes[key] = value
-        emulator = Emulator(msgspec.structs.replace(setup, **changes))
+        base = msgspec.structs.replace(self._service.emulator.setup, start="ready")
+        emulator = Emulator(setup_of(scenario, base))
         emulator.advance(0)
         return Playing(emulator, run.document, scenario, run.locate, emulator.snapshot())
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
 
 from hev_can_emu.config import Document, Steps
 from hev_can_emu.config.include import Parts, read_with_includes
 from hev_can_emu.errors import InputError, did_you_mean
+from hev_can_emu.runtime.setup import Setup
 from hev_can_emu.scenario.expectation_schema import Value
 from hev_can_emu.scenario.schema import Scenario
 
@@ -45,6 +46,15 @@ def read_scenario(path: Path) -> tuple[Document, Scenario]:
     """Read a scenario file with what it includes; raises InputError."""
     document = read_with_includes(path, INCLUDED)
     return document, document.convert(Scenario)
+
+
+def setup_of(scenario: Scenario, base: Setup | None = None) -> Setup:
+    """Return the setup that a scenario's head asks for; what it leaves open is the base's, or the default."""
+    owners: dict[str, str] = dict.fromkeys(scenario.plays, "emulated")
+    changes: dict[str, Any] = {
+        key: value for key in ("vehicle", "model", "start") if (value := getattr(scenario, key))
+    }
+    return msgspec.structs.replace(base or Setup(), nodes=owners | scenario.nodes, **changes)
 
 
 def read_runs(

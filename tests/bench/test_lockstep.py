@@ -250,3 +250,9 @@ def test_what_cannot_keep_lockstep_is_told(spec: str, partners: int, complaint: 
 def test_lockstep_without_an_end_is_told(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", "--clock", "lockstep"]) == 2
     assert "--duration: expected a time, with --clock lockstep" in capsys.readouterr().err
+    lockstep = ["run", "--clock", "lockstep", "--duration", "1"]
+    assert main([*lockstep, "--mqtt", "mqtt://localhost"]) == 2
+    told = capsys.readouterr().err
+    assert told == "hev-can-emu: --mqtt: expected the wall's clock, got --clock lockstep\n"
+    assert main([*lockstep, "--vin", "X"]) == 2
+    assert "--vin: expected --mqtt beside it" in capsys.readouterr().err
