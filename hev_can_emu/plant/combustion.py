@@ -25,7 +25,7 @@ from hev_can_emu.plant import combustion_map as maps
 from hev_can_emu.plant import engine
 from hev_can_emu.plant import torque_source as source
 from hev_can_emu.plant.combustion_map import row_drag, row_load_torque, row_torque_load
-from hev_can_emu.plant.engine import CRANKING, FAULT, OFF, RUNNING, STALLED
+from hev_can_emu.plant.engine_control import CRANKING, RUNNING, govern_idle, next_phase
 from hev_can_emu.plant.gas_pulses import ATMOSPHERE, ripple
 from hev_can_emu.plant.motor import fade
 from hev_can_emu.plant.tables import bracket
@@ -44,54 +44,6 @@ J_FUEL, J_COMBUSTION, J_WALL, J_EXHAUST, J_DRAG, J_RIPPLE, J_SHAFT, M_FUEL = 0, 
 N_ENERGY = 8
 
 _TOLERANCE = 1e-6
-_IDLE_WINDOW = 30.0  # rad/s above idle speed, over which the governor's authority fades
-_IDLE_REQUEST = 5.0  # N m after friction, over which it fades too
-
-
-@kernel
-def _next_phase(
-    p: NDArray[np.float64], phase: float, run: float, healthy: float, speed: float
-) -> float:
-    """Return the phase after this instant; the states and edges of the simple engine."""
-    if healthy < 0.5:
-        return float(FAULT)
-    if run < 0.5:
-        return float(OFF)
-    if phase == FAULT:  # until the run request is withdrawn
-        return phase
-    if phase == RUNNING:
-        return float(STALLED) if speed < p[maps.P_STALL_SPEED] else phase
-    if speed >= p[maps.P_CRANK_SPEED]:
-        return float(RUNNING)
-    return float(STALLED) if phase == STALLED else float(CRANKING)
-
-
-@kernel
-def _govern_idle(
-    p: NDArray[np.float64], x: NDArray[np.float64], asked: float, request: float, speed: float,
-    upper: float,
-) -> float:  # fmt: skip
-    """Return the combustion torque to ask for: at least what keeps the idle speed.
-
-    Near idle and near a request of zero it may also be less than asked, since zero torque after friction
-    would keep any speed instead of idling.
-    """
-    error: float = p[maps.P_IDLE_SPEED] - speed
-    limit = min(p[maps.P_IDLE_MAX], upper)
-    authority: float = min(max(1.0 + error / _IDLE_WINDOW, 0.0), 1.0)
-    authority *= min(max(1.0 - request / _IDLE_REQUEST, 0.0), 1.0)
-    base = p[maps.P_IDLE_DRAG] + p[maps.P_IDLE_GAIN] * error
-    integral = x[X_IDLE_INTEGRAL] + p[maps.P_IDLE_INTEGRAL_STEP] * error
-    wish = base + integral
-    if wish < limit:
-        if wish > 0.0 and (wish >= asked or authority > 0.0):
-            x[X_IDLE_INTEGRAL] = integral
-        else:
-            x[X_IDLE_INTEGRAL] *= p[maps.P_IDLE_KEEP]
-    governed: float = min(max(base + x[X_IDLE_INTEGRAL], 0.0), limit)
-    if governed >= asked:
-        return governed
-    return asked + (governed - asked) * authority
 
 
 @kernel
@@ -121,7 +73,9 @@ def combustion_step(
     """
     if math.isnan(torque_request):
         torque_request = 0.0
-    phase = _next_phase(p, x[X_PHASE], run_request, healthy, speed)
+    phase = next_phase(
+        x[X_PHASE], run_request, healthy, speed, p[maps.P_CRANK_SPEED], p[maps.P_STALL_SPEED]
+    )
     x[X_PHASE] = phase
     if speed >= p[maps.P_CUT_SPEED]:
         x[X_FUEL_CUT] = 1.0
@@ -139,7 +93,12 @@ def combustion_step(
     wanted = max(torque_request + drag, 0.0)
     asked = wanted
     if fuelled:
-        asked = _govern_idle(p, x, wanted, torque_request, speed, upper)
+        error = p[maps.P_IDLE_SPEED] - speed
+        asked = govern_idle(
+            x, X_IDLE_INTEGRAL, wanted, torque_request, error,
+            p[maps.P_IDLE_DRAG] + p[maps.P_IDLE_GAIN] * error, p[maps.P_IDLE_INTEGRAL_STEP],
+            p[maps.P_IDLE_KEEP], min(p[maps.P_IDLE_MAX], upper),
+        )  # fmt: skip
     else:
         x[X_IDLE_INTEGRAL] = 0.0
         asked = p[maps.P_IDLE_DRAG] if phase == CRANKING else 0.0

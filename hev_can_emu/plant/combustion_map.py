@@ -16,6 +16,7 @@ from hev_can_emu.errors import InputError
 from hev_can_emu.jit import kernel
 from hev_can_emu.plant import checks, gas_pulses
 from hev_can_emu.plant.crank import CrankParameters
+from hev_can_emu.plant.engine_control import check_speeds
 from hev_can_emu.plant.gas_pulses import ATMOSPHERE, GasPulseParameters
 from hev_can_emu.plant.tables import bracket
 
@@ -98,11 +99,7 @@ class CombustionParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=Tr
         checks.column(f"{where}.efficiency", self.efficiency, len(self.speed), 0.01)
         if max(self.efficiency) > 1.0:
             raise InputError(f"{where}.efficiency", "at most 1", repr(max(self.efficiency)))
-        checks.positive(where, self, "drag_fade_speed", "stall_speed", "idle_torque_max")
-        checks.ordered(where, self, "stall_speed", "crank_speed", "idle_speed")
-        checks.ordered(where, self, "idle_speed", "fade_speed", "max_speed", "cut_speed")
-        checks.ordered(where, self, "fade_speed", "resume_speed", "cut_speed")
-        checks.not_negative(where, self, "idle_gain", "idle_integral_gain")
+        check_speeds(where, self)
         checks.positive(where, self, "intake_angle", "intake_time_max", "heating_value")
         checks.fraction(where, self, "wall_share")
         if self.pulses is not None:

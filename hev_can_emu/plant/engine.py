@@ -3,17 +3,6 @@
 Torque at the crankshaft after friction is ``combustion - drag``.  The torque source acts on the
 combustion torque (0 when not fuelled); drag acts at once and depends on speed alone, so the engine
 brakes when the fuel is cut and its torque vanishes with its speed at standstill.
-
-State machine (``run`` is the run request)::
-
-    OFF      -> CRANKING  run
-    CRANKING -> RUNNING   speed >= cranking speed          CRANKING -> OFF  not run
-    RUNNING  -> STALLED   speed < stall speed              RUNNING  -> OFF  not run
-    STALLED  -> RUNNING   run, speed >= cranking speed     STALLED  -> OFF  not run
-    any      -> FAULT     not healthy                      FAULT    -> OFF  healthy and not run
-
-The idle governor is a PI controller with the drag as feed-forward; it may raise the combustion torque
-above the request, and lowers it only near idle speed and near a request of zero.
 """
 
 from __future__ import annotations
@@ -27,11 +16,10 @@ from numpy.typing import NDArray
 from hev_can_emu.jit import kernel
 from hev_can_emu.plant import checks
 from hev_can_emu.plant import torque_source as source
+from hev_can_emu.plant.engine_control import RUNNING, check_speeds, govern_idle, next_phase
 from hev_can_emu.plant.motor import fade
 from hev_can_emu.plant.tables import look_up
 from hev_can_emu.plant.torque_source import TorqueSourceParameters, torque_source_step
-
-OFF, CRANKING, RUNNING, STALLED, FAULT = 0, 1, 2, 3, 4
 
 # Layout of the packed parameters; the torque source's own come first, the tables last.
 P_DRAG_FADE = source.N_PARAMETERS
@@ -64,8 +52,6 @@ N_OUT = source.N_OUT + 5
 
 _TOLERANCE = 1e-6
 _IDLE_FORGET = 0.998  # per ms: the governor forgets an idle load in half a second once off idle
-_IDLE_WINDOW = 30.0  # rad/s above idle speed, over which the governor's authority fades
-_IDLE_REQUEST = 5.0  # N m after friction, over which it fades too
 
 
 class EngineParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -111,12 +97,8 @@ class EngineParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         checks.axis(f"{where}.speed", self.speed)
         checks.column(f"{where}.full_load", self.full_load, len(self.speed), 0.0)
         checks.column(f"{where}.drag", self.drag, len(self.speed), 0.0)
-        checks.positive(where, self, "drag_fade_speed", "stall_speed")
-        checks.ordered(where, self, "stall_speed", "crank_speed", "idle_speed")
-        checks.ordered(where, self, "idle_speed", "fade_speed", "max_speed", "cut_speed")
-        checks.ordered(where, self, "fade_speed", "resume_speed", "cut_speed")
-        checks.positive(where, self, "idle_torque_max")
-        checks.not_negative(where, self, "idle_gain", "idle_integral_gain", "coolant_heat_ratio")
+        check_speeds(where, self)
+        checks.not_negative(where, self, "coolant_heat_ratio")
 
     def pack(self, dt: float = 1e-3) -> NDArray[np.float64]:
         """Return the kernels' parameters for a period of ``dt`` s; shape depends on the tables."""
@@ -167,57 +149,6 @@ def engine_limits(
 
 
 @kernel
-def _next_phase(
-    p: NDArray[np.float64], phase: float, run: float, healthy: float, speed: float
-) -> float:
-    """Return the state machine's next phase (see the module's table)."""
-    if healthy < 0.5:
-        return float(FAULT)
-    if run < 0.5:
-        return float(OFF)
-    if phase == OFF:
-        phase = float(CRANKING)
-    if phase in (CRANKING, STALLED):
-        return float(RUNNING) if speed >= p[P_CRANK_SPEED] else phase
-    if phase == RUNNING and speed < p[P_STALL_SPEED]:
-        return float(STALLED)
-    return phase
-
-
-@kernel
-def _idle_governor(
-    p: NDArray[np.float64],
-    x: NDArray[np.float64],
-    request: float,
-    drag: float,
-    speed: float,
-    upper: float,
-) -> float:
-    """Return the combustion torque to ask for.
-
-    At least what keeps the idle speed; and less than the request where next to nothing is requested
-    near idle, since no torque after friction would hold any speed instead of idling.
-    """
-    error: float = p[P_IDLE_SPEED] - speed
-    limit: float = min(p[P_IDLE_TORQUE_MAX], upper)
-    near = min(max(1.0 + error / _IDLE_WINDOW, 0.0), 1.0)
-    authority = near * min(max(1.0 - request / _IDLE_REQUEST, 0.0), 1.0)
-    asked = max(request + drag, 0.0)
-    base: float = engine_drag(p, p[P_IDLE_SPEED]) + p[P_IDLE_GAIN] * error
-    integral: float = x[X_IDLE_INTEGRAL] + p[P_IDLE_INTEGRAL_STEP] * error
-    wish = base + integral
-    if 0.0 < wish < limit and (wish >= asked or authority > 0.0):
-        x[X_IDLE_INTEGRAL] = integral
-    elif wish < limit:
-        x[X_IDLE_INTEGRAL] *= _IDLE_FORGET
-    base += x[X_IDLE_INTEGRAL]
-    governed = min(max(base, 0.0), limit)
-    if governed >= asked:
-        return governed
-    return asked + (governed - asked) * authority
-
-
-@kernel
 def engine_step(
     p: NDArray[np.float64],
     x: NDArray[np.float64],
@@ -241,7 +172,7 @@ def engine_step(
     """
     if math.isnan(torque_request):
         torque_request = 0.0
-    phase = _next_phase(p, x[X_PHASE], run_request, healthy, speed)
+    phase = next_phase(x[X_PHASE], run_request, healthy, speed, p[P_CRANK_SPEED], p[P_STALL_SPEED])
     x[X_PHASE] = phase
     if speed >= p[P_CUT_SPEED]:
         x[X_FUEL_CUT] = 1.0
@@ -258,7 +189,12 @@ def engine_step(
 
     combustion = max(torque_request + drag, 0.0)
     if fuelled > 0.5:
-        combustion = _idle_governor(p, x, torque_request, drag, speed, upper)
+        error = p[P_IDLE_SPEED] - speed
+        combustion = govern_idle(
+            x, X_IDLE_INTEGRAL, combustion, torque_request, error,
+            engine_drag(p, p[P_IDLE_SPEED]) + p[P_IDLE_GAIN] * error, p[P_IDLE_INTEGRAL_STEP],
+            _IDLE_FORGET, min(p[P_IDLE_TORQUE_MAX], upper),
+        )  # fmt: skip
     else:
         x[X_IDLE_INTEGRAL] = 0.0
     torque_source_step(p, x, combustion, fuelled, 0.0, upper, source.LIMIT_PEAK, reason_max, out)

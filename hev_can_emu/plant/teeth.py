@@ -23,6 +23,8 @@ from hev_can_emu.plant.bank import Bank, columns_of, sparse_rows
 from hev_can_emu.plant.motion import row_speed
 from hev_can_emu.plant.structure import (
     ALL_LOCKS,
+    LOCKS,
+    N_CONFIGURATIONS,
     N_PORTS,
     Structure,
 )
@@ -92,11 +94,20 @@ def build_extras(
 ) -> Extras:
     """Prepare the constants; ``clearance`` gives the whole play of branches by name, m.
 
-    The bank must have been built with travel, with these branches' :func:`parting` indices and, where
-    their work is wanted, with dampers.
+    Raises:
+        ValueError: the bank was built without these branches' :func:`parting` indices, or, where the
+            dampers' work is wanted, without travel and dampers.
     """
     mesh = parting(structure, clearance or {})
     half = [0.5 * (clearance or {})[structure.branch_names[branch]] for branch in mesh]
+    base = N_CONFIGURATIONS << (len(structure.locks) - len(LOCKS))
+    if len(bank.flow) != base << len(mesh):
+        raise ValueError(
+            f"bank: expected one built with open_branches={mesh}, got {len(bank.flow)} configurations"
+        )
+    middle = structure.n + structure.nq + N_PORTS + len(structure.locks)
+    if damper_work and not bank.flow[:, :, :, middle:].any():
+        raise ValueError("bank: expected one built with travel and dampers, got one without")
     places, factors = sparse_rows(structure.incidence)
     return Extras(
         crank=crank,
@@ -108,9 +119,9 @@ def build_extras(
         branch_at=places,
         branch_by=factors,
         damping=np.diagonal(structure.damping[0]).copy(),
-        middle=structure.n + structure.nq + N_PORTS + len(structure.locks) if damper_work else 0,
+        middle=middle if damper_work else 0,
         first_twist=structure.n,
-        base=len(bank.flow) >> len(mesh),
+        base=base,
     )
 
 

@@ -12,6 +12,7 @@ import pytest
 from hev_can_emu.errors import InputError
 from hev_can_emu.plant import combustion, crank, engine
 from hev_can_emu.plant import combustion_map as maps
+from hev_can_emu.plant import engine_control as phases
 from hev_can_emu.plant import torque_source as source
 
 ENGINE = defaults.ENGINE
@@ -174,7 +175,7 @@ def test_steps_of_half_the_length_agree():
 def test_idle_is_stable_on_the_engines_own_inertia(parameters, inertia):
     bench = Bench(parameters, speed=50.0, inertia=inertia)
     start = bench.run(6.0)
-    assert bench.out[engine.OUT_PHASE] == engine.RUNNING
+    assert bench.out[engine.OUT_PHASE] == phases.RUNNING
     assert start.max() < ENGINE.idle_speed + 30.0
     settled = bench.run(1.0)
     assert np.mean(settled) == pytest.approx(ENGINE.idle_speed, abs=0.6)
@@ -194,13 +195,13 @@ def test_idle_carries_a_load_and_returns():
 
 def test_cranked_it_fires_and_without_a_run_request_it_stops():
     bench = Bench()
-    assert bench.step()[engine.OUT_PHASE] == engine.CRANKING
+    assert bench.step()[engine.OUT_PHASE] == phases.CRANKING
     bench.run(0.3, load=40.0)  # EM1 through C1
-    assert bench.out[engine.OUT_PHASE] == engine.RUNNING
+    assert bench.out[engine.OUT_PHASE] == phases.RUNNING
     bench.run(1.0)
     assert bench.total[combustion.M_FUEL] > 0.0
     assert bench.speed > 60.0
-    assert bench.step(run=0.0)[engine.OUT_PHASE] == engine.OFF
+    assert bench.step(run=0.0)[engine.OUT_PHASE] == phases.OFF
     assert bench.out[engine.OUT_COMBUSTION] == 0.0
     bench.run(3.0, run=0.0)
     assert abs(bench.speed) < 0.5
@@ -212,12 +213,12 @@ def test_overload_stalls_and_stays_until_withdrawn_or_cranked():
     bench.run(2.0)
     while bench.speed > 5.0:
         bench.step(load=-150.0)
-    assert bench.out[engine.OUT_PHASE] == engine.STALLED
+    assert bench.out[engine.OUT_PHASE] == phases.STALLED
     bench.run(0.5)
-    assert bench.out[engine.OUT_PHASE] == engine.STALLED
+    assert bench.out[engine.OUT_PHASE] == phases.STALLED
     assert bench.out[engine.OUT_COMBUSTION] == bench.out[combustion.OUT_FUEL_FLOW] == 0.0
-    assert bench.step(run=0.0)[engine.OUT_PHASE] == engine.OFF
-    assert bench.step()[engine.OUT_PHASE] == engine.CRANKING
+    assert bench.step(run=0.0)[engine.OUT_PHASE] == phases.OFF
+    assert bench.step()[engine.OUT_PHASE] == phases.CRANKING
 
 
 def test_fuel_is_cut_in_overrun():
@@ -261,10 +262,10 @@ def test_fault_switches_off_at_once_and_needs_the_request_withdrawn():
     bench = Bench(speed=200.0)
     bench.run(0.5, request=80.0, free=False)
     assert bench.out[engine.OUT_COMBUSTION] > 80.0
-    assert bench.step(healthy=0.0)[engine.OUT_PHASE] == engine.FAULT
+    assert bench.step(healthy=0.0)[engine.OUT_PHASE] == phases.FAULT
     assert bench.out[engine.OUT_COMBUSTION] == 0.0
-    assert bench.step()[engine.OUT_PHASE] == engine.FAULT
-    assert bench.step(run=0.0)[engine.OUT_PHASE] == engine.OFF
+    assert bench.step()[engine.OUT_PHASE] == phases.FAULT
+    assert bench.step(run=0.0)[engine.OUT_PHASE] == phases.OFF
 
 
 def test_phases_are_those_of_the_simple_engine():
@@ -296,7 +297,13 @@ def test_phases_are_those_of_the_simple_engine():
         assert bench.out[engine.OUT_PHASE] == out[engine.OUT_PHASE]
         assert bench.out[engine.OUT_TORQUE_MIN] == pytest.approx(out[engine.OUT_TORQUE_MIN])
         seen.add(int(out[engine.OUT_PHASE]))
-    assert seen == {engine.OFF, engine.CRANKING, engine.RUNNING, engine.STALLED, engine.FAULT}
+    assert seen == {
+        phases.OFF,
+        phases.CRANKING,
+        phases.RUNNING,
+        phases.STALLED,
+        phases.FAULT,
+    }
 
 
 def test_ripple_leaves_the_mean_torque():

@@ -9,6 +9,7 @@ import pytest
 
 from hev_can_emu.errors import InputError
 from hev_can_emu.plant import engine, motor
+from hev_can_emu.plant import engine_control as phases
 from hev_can_emu.plant import torque_source as source
 from hev_can_emu.plant.torque_source import TorqueSourceParameters
 
@@ -192,22 +193,22 @@ class Bench:
         self.speed = 60.0
         for _ in range(5):
             self.step()
-        assert self.out[engine.OUT_PHASE] == engine.RUNNING
+        assert self.out[engine.OUT_PHASE] == phases.RUNNING
         return self
 
 
 def test_engine_starts_when_cranked_and_idles():
     bench = Bench()
     bench.step()
-    assert bench.out[engine.OUT_PHASE] == engine.CRANKING
+    assert bench.out[engine.OUT_PHASE] == phases.CRANKING
     assert bench.out[source.OUT_TORQUE] == 0.0
     while bench.speed < defaults.ENGINE.crank_speed:
-        assert bench.step(load=40.0)[engine.OUT_PHASE] == engine.CRANKING
+        assert bench.step(load=40.0)[engine.OUT_PHASE] == phases.CRANKING
     speeds = []
     for _ in range(6000):
         bench.step()
         speeds.append(bench.speed)
-    assert bench.out[engine.OUT_PHASE] == engine.RUNNING
+    assert bench.out[engine.OUT_PHASE] == phases.RUNNING
     assert bench.speed == pytest.approx(defaults.ENGINE.idle_speed, abs=0.5)
     assert max(speeds) < 1.3 * defaults.ENGINE.idle_speed
     assert min(speeds) > defaults.ENGINE.stall_speed
@@ -226,17 +227,17 @@ def test_overload_stalls_and_the_state_stays_until_withdrawn():
     bench = Bench().run_up()
     for _ in range(3000):
         bench.step(load=-150.0 if bench.speed > 0.0 else 0.0)
-        if bench.out[engine.OUT_PHASE] == engine.STALLED:
+        if bench.out[engine.OUT_PHASE] == phases.STALLED:
             break
-    assert bench.out[engine.OUT_PHASE] == engine.STALLED
+    assert bench.out[engine.OUT_PHASE] == phases.STALLED
     for _ in range(3000):
         bench.step()
-    assert bench.out[engine.OUT_PHASE] == engine.STALLED
+    assert bench.out[engine.OUT_PHASE] == phases.STALLED
     assert bench.out[engine.OUT_COMBUSTION] == 0.0
     assert abs(bench.speed) < 1.0  # drag alone: it comes to rest without ever turning back
     assert bench.speed >= 0.0
-    assert bench.step(run=0.0)[engine.OUT_PHASE] == engine.OFF
-    assert bench.step()[engine.OUT_PHASE] == engine.CRANKING
+    assert bench.step(run=0.0)[engine.OUT_PHASE] == phases.OFF
+    assert bench.step()[engine.OUT_PHASE] == phases.CRANKING
 
 
 def test_drag_when_not_fuelled_is_odd_and_linear_near_rest():
@@ -294,9 +295,9 @@ def test_overspeed_is_faded_then_cut_with_hysteresis():
 
 def test_fault_cuts_and_needs_the_request_withdrawn():
     bench = Bench().run_up()
-    assert bench.step(healthy=0.0)[engine.OUT_PHASE] == engine.FAULT
-    assert bench.step()[engine.OUT_PHASE] == engine.FAULT
-    assert bench.step(run=0.0)[engine.OUT_PHASE] == engine.OFF
+    assert bench.step(healthy=0.0)[engine.OUT_PHASE] == phases.FAULT
+    assert bench.step()[engine.OUT_PHASE] == phases.FAULT
+    assert bench.step(run=0.0)[engine.OUT_PHASE] == phases.OFF
 
 
 @pytest.mark.parametrize(

@@ -137,3 +137,19 @@ def test_a_mesh_that_is_none_is_told() -> None:
     assert teeth.parting(structure, {MESH: 0.01}) == [0]
     with pytest.raises(KeyError):
         teeth.parting(structure, {"kg3": 0.01})
+
+
+@pytest.mark.parametrize("built", [{"travel": True}, {"dampers": True}, {}])
+def test_damper_work_needs_a_bank_that_gives_the_rates(built: dict[str, bool]) -> None:
+    structure = two_inertias(*INERTIAS, stiffness=4e4, damping=3.0, joined=True)
+    bank = build_bank(structure, STEP, 2, **built)
+    with pytest.raises(ValueError, match="expected one built with travel and dampers"):
+        teeth.build_extras(structure, bank, np.zeros(0), damper_work=True)
+
+
+def test_play_needs_a_bank_whose_mesh_may_part() -> None:
+    structure = two_inertias(*INERTIAS, stiffness=4e4, damping=3.0, joined=True)
+    bank = build_bank(structure, STEP, 2, travel=True)
+    play = {structure.branch_names[0]: 1e-3}
+    with pytest.raises(ValueError, match=r"expected one built with open_branches=\[0\]"):
+        teeth.build_extras(structure, bank, np.zeros(0), play)
