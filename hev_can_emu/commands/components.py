@@ -23,6 +23,7 @@ COMPONENTS = {
     "hydraulics": "hydraulics",
     "battery": "battery",
     "road": "road",
+    "tyre": "tyre",
     "mesh": "mesh",
     "ripple": "ripple",
 }
