@@ -151,6 +151,15 @@ def inlined_kernel(function: F) -> F:
     return _compile(function, inline="always")
 
 
+def small_kernel(function: F) -> F:
+    """Compile as :func:`kernel` does, and let LLVM put the machine code where kernels call it.
+
+    For what is called in one or two places: an array is handed over as seven words, and the code that
+    does so, in every tick, would not fit a processor's instruction cache.
+    """
+    return _compile(function, forceinline=True)
+
+
 def inner_kernel(function: F) -> F:
     """Compile as :func:`kernel` does, for a kernel that only kernels call.
 

@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from hev_can_emu.plant import battery, contactors, driveline, powertrain, thermal
 from hev_can_emu.plant.bank import Bank, build_bank
+from hev_can_emu.plant.columns import aligned
 from hev_can_emu.plant.machines import Machines
 from hev_can_emu.plant.powertrain import Plant
 from hev_can_emu.plant.reduction import reduced
@@ -68,7 +69,7 @@ def start_state(
     plant: Plant, start: Start
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64], npt.NDArray[np.float64]]:
     """Return the float64 state, the int64 state and the truth at the start."""
-    x = np.zeros(powertrain.state_size(plant.bank))
+    x = aligned(powertrain.state_size(plant.bank))
     n = np.zeros(driveline.N_INTEGERS, dtype=np.int64)
     n[driveline.SIGN : driveline.SIGN + N_LOCKS] = 1
     x[powertrain.X_BATTERY + battery.X_SOC] = start.state_of_charge
@@ -89,5 +90,7 @@ def start_state(
     y[powertrain.Y_LINK_VOLTAGE] = x[powertrain.X_CONTACTORS + contactors.X_LINK_VOLTAGE]
     y[powertrain.Y_CONTACTOR_PHASE] = x[powertrain.X_CONTACTORS + contactors.X_PHASE]
     y[powertrain.Y_AMBIENT] = start.temperature
-    powertrain.observe(plant, x, n, np.zeros(len(plant.bank.speed_at)), y)
+    powertrain.observe(
+        plant, x, n, np.zeros(len(plant.bank.speed_at)), y, np.zeros(driveline.N_SEEN)
+    )
     return x, n, y

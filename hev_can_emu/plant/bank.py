@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hev_can_emu.jit import counting_kernel, kernel
+from hev_can_emu.plant.columns import aligned, filled_up
 from hev_can_emu.plant.linear import held_speeds, state_space
 from hev_can_emu.plant.structure import (
     LOCKS,
@@ -29,6 +30,7 @@ from hev_can_emu.plant.structure import (
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 
+COLUMNS = 4  # are summed at a time
 TAYLOR_TERMS = 14
 TAYLOR_REACH = 0.1  # largest |eigenvalue| * step at which the series is used
 
@@ -42,19 +44,18 @@ class Bank(NamedTuple):
     Attributes:
         period: the base step, s.
         levels: number of halvings; the ladder's unit is ``period / 2**levels``.
-        flow: shape (r, levels+1, nx+nu, nx), each of the last two filled up to a multiple of four:
+        flow: shape (r, levels+1, nx+nu, nx), the last two filled up to multiples of four and eight:
             transposed propagators, level 0 the unit.  With travel, p+m values follow the states: the
             integral of every port's and lock's speed over the step; with dampers, then every
             branch's rate half way through the step.
         held_torque: shape (r, m, nx+nu), rows giving each held lock's friction torque.
-        held_columns: shape (r, 1, nx+nu, m), the last two filled up to multiples of four: the same
-            stored by columns, for all locks at once.
-        body_rate: shape (r, nx+nu), row giving the body's angular acceleration.
+        held_columns: shape (r, 1, nx+nu, m+1), the last two filled up likewise: the same
+            stored by columns, for all locks at once; last of all the body's angular acceleration.
         project: shape (r, n, n), speeds onto the configuration, momentum kept.
         remap: shape (6, 6, q, q), twists when the driving configuration changes.
         stiffness: shape (6, q, q), elastic energy is ``q' K q / 2``.
         inertia: shape (n,).
-        speeds: shape (n, p+m), the last filled up to a multiple of four: the transposed rows that give the
+        speeds: shape (n, p+m), the last filled up to a multiple of eight: the transposed rows that give the
             speed at each port and the slip at each lock from the speeds, for all of them at once.
         speed_at, speed_by: the same for one at a time: shape (p+m, k), places and
             factors of what is not zero (padded with zero factors).
@@ -65,7 +66,6 @@ class Bank(NamedTuple):
     flow: Array
     held_torque: Array
     held_columns: Array
-    body_rate: Array
     project: Array
     remap: Array
     stiffness: Array
@@ -191,7 +191,7 @@ def build_bank(
     base = N_CONFIGURATIONS << (m - len(LOCKS))
     count = base << len(open_branches)
     nb = len(structure.branch_names) if dampers else 0
-    flow = np.zeros((count, levels + 1, _whole(nx + nu), _whole(nx + len(rows) + nb)))
+    flow = aligned(count, levels + 1, filled_up(nx + nu, COLUMNS), filled_up(nx + len(rows) + nb))
     held_torque = np.zeros((count, m, nx + nu))
     body_rate = np.zeros((count, nx + nu))
     project = np.zeros((count, n, n))
@@ -217,8 +217,9 @@ def build_bank(
                 held_torque[row, held] = _held_torques(variant, configuration, held)
                 # A held lock's own friction input is the result, not a cause.
                 held_torque[row][:, [nx + ports + lock for lock in held]] = 0.0
-    columns = np.zeros((count, 1, _whole(nx + nu), _whole(m)))
+    columns = aligned(count, 1, filled_up(nx + nu, COLUMNS), filled_up(m + 1))
     columns[:, 0, : nx + nu, :m] = np.swapaxes(held_torque, 1, 2)
+    columns[:, 0, : nx + nu, m] = body_rate
     basis = structure.basis
     places, factors = sparse_rows(np.vstack([structure.ports, structure.locks]))
     return Bank(
@@ -227,7 +228,6 @@ def build_bank(
         flow=flow,
         held_torque=held_torque,
         held_columns=columns,
-        body_rate=body_rate,
         project=project,
         remap=np.ascontiguousarray(structure.twist_remap),
         stiffness=np.ascontiguousarray(basis.T @ structure.stiffness @ basis),
@@ -238,14 +238,9 @@ def build_bank(
     )
 
 
-def _whole(count: int) -> int:
-    """Return the next multiple of four."""
-    return -(-count // 4) * 4
-
-
 def columns_of(rows: Array) -> Array:
-    """Return rows stored by columns, their number filled up to a multiple of four."""
-    columns = np.zeros((rows.shape[1], _whole(rows.shape[0])))
+    """Return rows stored by columns, their number filled up to whole vectors."""
+    columns = aligned(rows.shape[1], filled_up(rows.shape[0]))
     columns[:, : rows.shape[0]] = rows.T
     return columns
 

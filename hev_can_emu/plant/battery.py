@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hev_can_emu.errors import InputError
-from hev_can_emu.jit import kernel
+from hev_can_emu.jit import small_kernel
 from hev_can_emu.plant import checks
 from hev_can_emu.plant import torque_source as source
 from hev_can_emu.plant.tables import blend, bracket, look_up
@@ -118,7 +118,7 @@ class BatteryParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
         return np.concatenate(parts)
 
 
-@kernel
+@small_kernel
 def battery_limits(
     p: NDArray[np.float64], x: NDArray[np.float64], out: NDArray[np.float64]
 ) -> None:
@@ -159,7 +159,7 @@ def battery_limits(
     out[LIM_RESISTANCE] = r
 
 
-@kernel
+@small_kernel
 def discharge_current(ocv: float, resistance: float, power: float) -> float:
     """Return the current, A, at which the terminals give ``power`` (negative: take it), W.
 
@@ -171,7 +171,7 @@ def discharge_current(ocv: float, resistance: float, power: float) -> float:
     return 2.0 * power / (ocv + root)
 
 
-@kernel
+@small_kernel
 def battery_step(
     p: NDArray[np.float64],
     x: NDArray[np.float64],

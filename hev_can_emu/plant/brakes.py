@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from hev_can_emu.jit import kernel
+from hev_can_emu.jit import small_kernel
 from hev_can_emu.plant import checks
 from hev_can_emu.plant import torque_source as source
 from hev_can_emu.plant.torque_source import TorqueSourceParameters, torque_source_step
@@ -54,7 +54,7 @@ class BrakeParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return np.concatenate([self.source.pack(dt), [self.max_torque, self.front_share]])
 
 
-@kernel
+@small_kernel
 def brake_step(
     p: NDArray[np.float64],
     x: NDArray[np.float64],

@@ -23,7 +23,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from hev_can_emu.jit import kernel
+from hev_can_emu.jit import small_kernel
 from hev_can_emu.plant import checks
 
 OPEN, PRECHARGE, CLOSED, OPENING, FAULT = 0, 1, 2, 3, 4
@@ -81,7 +81,7 @@ class ContactorParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=Tru
         )
 
 
-@kernel
+@small_kernel
 def contactor_step(
     p: NDArray[np.float64],
     x: NDArray[np.float64],

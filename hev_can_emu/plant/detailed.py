@@ -42,7 +42,7 @@ from hev_can_emu.plant import powertrain as port
 from hev_can_emu.plant import torque_source as source
 from hev_can_emu.plant.detailed_layout import DetailedPlant
 from hev_can_emu.plant.holding import HELD, ROW
-from hev_can_emu.plant.motion import row_speed
+from hev_can_emu.plant.motion import all_rows, row_speed
 from hev_can_emu.plant.structure import (
     BODY,
     C1,
@@ -153,7 +153,8 @@ def _steps(
 ) -> int:
     """The inner steps of one tick."""
     bank = plant.bank
-    at, by = bank.speed_at, bank.speed_by
+    speed_columns = bank.speeds
+    speeds = work[lay.W_SPEEDS : lay.W_TRIAL]
     extras, held = plant.extras, bank.held_torque
     step = 1e-9 * plant.step_ns
     drive_x = x[lay.X_DRIVELINE :]
@@ -176,11 +177,11 @@ def _steps(
     link_out = work[lay.W_LINK : lay.W_CLUTCH]
     clutch_out, heat_out = work[lay.W_CLUTCH : lay.W_HEAT], work[lay.W_HEAT : lay.W_OIL]
     oil_out, road_out = work[lay.W_OIL : lay.W_SYNC], work[lay.W_ROAD : lay.W_LIMITS]
-    locks = at.shape[0] - N_PORTS
+    locks = bank.speed_at.shape[0] - N_PORTS
     forces = work[lay.W_FORCES : lay.W_FORCES + N_PORTS + locks]
     kinetic = work[lay.W_KINETIC : lay.W_KINETIC + locks]
     static = work[lay.W_STATIC : lay.W_STATIC + locks]
-    mean = work[lay.W_MEAN : lay.W_TRIAL]
+    mean = work[lay.W_MEAN : lay.W_MEAN + 8]
     trial = work[lay.W_TRIAL : lay.W_TRIAL + driveline.TRIAL]
     radius = plant.car[lay.CAR_RADIUS]
     external = u[port.U_EXTERNAL_ENGINE_TORQUE]
@@ -194,8 +195,8 @@ def _steps(
     oil_out[hydraulics.OUT_SHIFT_FORCE] = x_sync[shifting.X_GIVEN]
     oil_out[hydraulics.OUT_SHIFT_STIFFNESS] = x_sync[shifting.X_STIFFNESS]
     for k in range(plant.steps):
-        speed = row_speed(at, by, drive_x, ENGINE)
-        speed1, speed2 = row_speed(at, by, drive_x, EM1), row_speed(at, by, drive_x, EM2)
+        all_rows(speed_columns, drive_x, speeds)
+        speed, speed1, speed2 = speeds[ENGINE], speeds[EM1], speeds[EM2]
         forces[ENGINE] = inner.engine_torque(
             p_engine, x_engine, hold, external, speed, books[teeth.ANGLE], engine_out
         )
@@ -207,19 +208,17 @@ def _steps(
             em2, x2, hold[lay.H_REQUEST2], hold[lay.H_GATES2], hold[lay.H_EXTERNAL2], speed2,
             x_link[0], thermal2, out2,
         )  # fmt: skip
-        road.road_load(
-            p_road, radius * row_speed(at, by, drive_x, ROAD), hold[lay.H_GRADE], 0.0, road_out
-        )
+        road.road_load(p_road, radius * speeds[ROAD], hold[lay.H_GRADE], 0.0, road_out)
         forces[ROAD] = road_out[road.OUT_BODY_TORQUE]
         # C1 by the oil at the step's beginning: the flow, by valves at its end, is half a step early, and
         # what is held from the beginning half a step late.
         inner.capacities(
-            p_clutch, x_clutch, p_oil, x_oil, row_speed(at, by, drive_x, N_PORTS + C1),
+            p_clutch, x_clutch, p_oil, x_oil, speeds[N_PORTS + C1],
             oil_temperature, hold, road_out, n, clutch_out, kinetic, static,
         )  # fmt: skip
         tyre.allow_for_creep(plant.tyres, x[lay.X_TYRES : lay.X_DRIVELINE], static)
         inner.shift(
-            held, at, by, p_sleeve, x_sync, oil_out, drive_x, n, forces, books, kinetic, static,
+            held, speeds, p_sleeve, x_sync, oil_out, drive_x, n, forces, books, kinetic, static,
             play, sleeve_out,
         )  # fmt: skip
         hydraulics.hydraulics_step(
@@ -271,7 +270,7 @@ def _after_the_steps(
     ambient = u[port.U_AMBIENT] if not math.isnan(u[port.U_AMBIENT]) else 293.15
     hold = work[lay.W_HOLD :]
     tick = work[lay.W_TICK : lay.W_ENGINE]
-    mean = work[lay.W_MEAN : lay.W_TRIAL]
+    mean = work[lay.W_MEAN : lay.W_MEAN + 8]
     period = port.PERIOD
     per_second = 1.0 / period
     thermal.thermal_step(
@@ -367,7 +366,9 @@ def _after_the_steps(
     y[port.Y_CONTACTOR_PHASE] = hold[lay.H_PHASE]
     y[port.Y_GRADE], y[port.Y_AMBIENT] = hold[lay.H_GRADE], ambient
     locks = plant.bank.speed_at.shape[0] - N_PORTS
-    observe(plant, x, n, work[lay.W_FORCES : lay.W_FORCES + N_PORTS + locks], y)
+    observe(
+        plant, x, n, work[lay.W_FORCES : lay.W_FORCES + N_PORTS + locks], y, work[lay.W_TRIAL :]
+    )
     oil = work[lay.W_OIL : lay.W_SYNC]
     y[port.Y_SUPPLY_PRESSURE] = oil[hydraulics.OUT_SUPPLY]
     y[port.Y_CLUTCH_PRESSURE] = oil[hydraulics.OUT_CLUTCH]
@@ -377,34 +378,39 @@ def _after_the_steps(
 
 
 @kernel
-def observe(plant: DetailedPlant, x: Array, n: Integers, forces: Array, y: Array) -> None:
-    """Write into ``y`` what follows from the state: speeds, slips, held torques, temperatures."""
-    bank = plant.bank
-    at, by = bank.speed_at, bank.speed_by
-    drive_x = x[lay.X_DRIVELINE :]
+def observe(
+    plant: DetailedPlant, x: Array, n: Integers, forces: Array, y: Array, seen: Array
+) -> None:
+    """Write into ``y`` what follows from the state: speeds, slips, held torques, temperatures.
+
+    ``seen`` is scratch, shape (driveline.N_SEEN,).
+    """
+    driveline.look(plant.bank, x[lay.X_DRIVELINE :], n, forces, seen)
+    speeds, carried = seen[driveline.SPEEDS :], seen[driveline.CARRIED :]
+    locks = forces.shape[0] - N_PORTS
     radius = plant.car[lay.CAR_RADIUS]
-    y[port.Y_ENGINE_SPEED] = row_speed(at, by, drive_x, ENGINE)
-    y[port.Y_EM1_SPEED] = row_speed(at, by, drive_x, EM1)
-    y[port.Y_EM2_SPEED] = row_speed(at, by, drive_x, EM2)
-    y[port.Y_WHEEL_LEFT_SPEED] = row_speed(at, by, drive_x, N_PORTS + LEFT)
-    y[port.Y_WHEEL_RIGHT_SPEED] = row_speed(at, by, drive_x, N_PORTS + RIGHT)
-    y[port.Y_BODY_SPEED] = row_speed(at, by, drive_x, ROAD)
+    y[port.Y_ENGINE_SPEED] = speeds[ENGINE]
+    y[port.Y_EM1_SPEED] = speeds[EM1]
+    y[port.Y_EM2_SPEED] = speeds[EM2]
+    y[port.Y_WHEEL_LEFT_SPEED] = speeds[N_PORTS + LEFT]
+    y[port.Y_WHEEL_RIGHT_SPEED] = speeds[N_PORTS + RIGHT]
+    y[port.Y_BODY_SPEED] = speeds[ROAD]
     y[port.Y_WHEEL_REAR_SPEED] = y[port.Y_BODY_SPEED]
-    if at.shape[0] > N_PORTS + REAR:
-        y[port.Y_WHEEL_REAR_SPEED] = row_speed(at, by, drive_x, N_PORTS + REAR)
+    if locks > REAR:
+        y[port.Y_WHEEL_REAR_SPEED] = speeds[N_PORTS + REAR]
     y[port.Y_VEHICLE_SPEED] = y[port.Y_BODY_SPEED] * radius
-    y[port.Y_ACCELERATION] = radius * driveline.body_acceleration(bank, drive_x, n, forces)
+    y[port.Y_ACCELERATION] = radius * carried[locks]
     y[port.Y_ACCELERATION] -= inner.creep_acceleration(plant.tyres, radius, x, n)
     y[port.Y_ACCELEROMETER] = road.accelerometer(y[port.Y_ACCELERATION], y[port.Y_GRADE])
-    y[port.Y_CLUTCH_TORQUE] = -driveline.friction_torque(bank, drive_x, n, forces, C1)
-    y[port.Y_CLUTCH_SLIP] = row_speed(at, by, drive_x, N_PORTS + C1)
+    y[port.Y_CLUTCH_TORQUE] = -carried[C1]
+    y[port.Y_CLUTCH_SLIP] = speeds[N_PORTS + C1]
     y[port.Y_CLUTCH_HELD] = n[HELD + C1]
     x_sync = x[lay.X_SYNC : lay.X_BOUNDS]
     position = x_sync[sleeve.X_POSITION]
     # The gear on whose side the sleeve stands; its phase and gear are told by the TCU.
     sync = G2 if position < 0.0 else G1
-    y[port.Y_SYNC_TORQUE] = -driveline.friction_torque(bank, drive_x, n, forces, sync)
-    y[port.Y_SYNC_SLIP] = row_speed(at, by, drive_x, N_PORTS + sync) if position != 0.0 else 0.0
+    y[port.Y_SYNC_TORQUE] = -carried[sync]
+    y[port.Y_SYNC_SLIP] = speeds[N_PORTS + sync] if position != 0.0 else 0.0
     y[port.Y_SLEEVE_POSITION] = position
     y[port.Y_SLEEVE_ZONE] = x_sync[sleeve.X_ZONE]
     y[port.Y_DOGS_HELD] = float(n[HELD + G1] + n[HELD + G2])
@@ -443,7 +449,7 @@ def detailed_step(
     """
     for i in range(lay.W_TICK, lay.W_ENGINE):
         work[i] = 0.0
-    for i in range(lay.W_MEAN, lay.W_TRIAL):
+    for i in range(lay.W_MEAN, lay.W_MEAN + 8):
         work[i] = 0.0
     _before_the_steps(plant, x, u, y, work)
     n_events = _steps(plant, x, n, u, y, work, t_ns, events, n_events)

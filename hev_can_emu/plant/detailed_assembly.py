@@ -11,9 +11,11 @@ from hev_can_emu.plant import battery, contactors, hydraulics, ledger, thermal
 from hev_can_emu.plant import detailed_layout as lay
 from hev_can_emu.plant import powertrain as port
 from hev_can_emu.plant.bank import build_bank
+from hev_can_emu.plant.columns import aligned
 from hev_can_emu.plant.detailed import observe, stored_energies
 from hev_can_emu.plant.detailed_layout import DetailedPlant
 from hev_can_emu.plant.detailed_parameters import DetailedParameters, Effects
+from hev_can_emu.plant.driveline import N_SEEN
 from hev_can_emu.plant.geared import geared
 from hev_can_emu.plant.holding import N_INTEGERS, ROW, SIGN, row_of
 from hev_can_emu.plant.ledger import Ledger, make_ledger
@@ -93,7 +95,7 @@ def build_detailed(
 
 def start_detailed(plant: DetailedPlant, start: Start) -> tuple[Array, Integers, Array]:
     """Return the float64 state, the int64 state and the truth at the start."""
-    x = np.zeros(lay.state_size(plant.bank))
+    x = aligned(lay.state_size(plant.bank))
     n = np.zeros(N_INTEGERS, dtype=np.int64)
     n[SIGN : SIGN + N_LOCKS] = 1
     n[ROW] = row_of(n, plant.extras)  # teeth of meshes with play stand apart
@@ -114,7 +116,7 @@ def start_detailed(plant: DetailedPlant, start: Start) -> tuple[Array, Integers,
     y[port.Y_CONTACTOR_PHASE] = x[lay.X_CONTACTORS + contactors.X_PHASE]
     y[port.Y_AMBIENT] = start.temperature
     y[port.Y_SUPPLY_PRESSURE] = SUPPLY_PRESSURE
-    observe(plant, x, n, np.zeros(len(plant.bank.speed_at)), y)
+    observe(plant, x, n, np.zeros(len(plant.bank.speed_at)), y, np.zeros(N_SEEN))
     stored_energies(plant, x, n, x[lay.X_START : lay.X_BOOKS])
     return x, n, y
 

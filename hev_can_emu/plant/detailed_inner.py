@@ -31,7 +31,6 @@ from hev_can_emu.plant import electric_drive as drive
 from hev_can_emu.plant import torque_source as source
 from hev_can_emu.plant.driveline import lock_torque
 from hev_can_emu.plant.holding import HELD
-from hev_can_emu.plant.motion import row_speed
 from hev_can_emu.plant.structure import (
     BODY,
     C1,
@@ -155,8 +154,7 @@ def engine_energy(
 @inlined_kernel
 def shift(
     held: Array,
-    at: Integers,
-    by: Array,
+    speeds: Array,
     p: Array,
     x: Array,
     oil: Array,
@@ -177,7 +175,7 @@ def shift(
         torque2 = lock_torque(held, drive_x, n, forces, G2)
     shifting.move_sleeve(
         p, x, oil[hydraulics.OUT_SHIFT_FORCE], oil[hydraulics.OUT_SHIFT_STIFFNESS],
-        row_speed(at, by, drive_x, N_PORTS + G1), row_speed(at, by, drive_x, N_PORTS + G2),
+        speeds[N_PORTS + G1], speeds[N_PORTS + G2],
         torque1, torque2, play, n, books, kinetic, static, out,
     )  # fmt: skip
 

@@ -30,6 +30,7 @@ from hev_can_emu.plant import (
     wet_clutch,
 )
 from hev_can_emu.plant.bank import Bank
+from hev_can_emu.plant.columns import filled_up
 from hev_can_emu.plant.teeth import Extras
 from hev_can_emu.plant.tyre import TyreSlip
 
@@ -81,7 +82,8 @@ W_KINETIC = W_FORCES + 12
 W_STATIC = W_KINETIC + 8
 W_HOLD = W_STATIC + 8
 W_MEAN = W_HOLD + 16
-W_TRIAL = W_MEAN + 8
+W_SPEEDS = filled_up(W_MEAN + 8)
+W_TRIAL = W_SPEEDS + 16
 W_TYRES = W_TRIAL + driveline.TRIAL
 WORK = W_TYRES + tyre.WORK
 

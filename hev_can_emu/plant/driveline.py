@@ -48,8 +48,7 @@ from hev_can_emu.plant.teeth import Extras
 
 __all__ = [
     "HELD", "LOCKED", "MESH", "N_INTEGERS", "PARTED", "RELEASED", "REVERSED", "ROW", "SIGN", "TOUCHED",
-    "body_acceleration", "energy", "friction_torque", "held_torque", "lock_torque", "row_speed",
-    "set_row", "step",
+    "energy", "friction_torque", "held_torque", "lock_torque", "look", "row_speed", "set_row", "step",
 ]  # fmt: skip
 
 Array = npt.NDArray[np.float64]
@@ -57,7 +56,11 @@ Integers = npt.NDArray[np.int64]
 Events = npt.NDArray[np.void]
 
 MAX_EVENTS_PER_STEP = 24
-TRIAL = 192  #: values of scratch that a step needs
+MAX_COLUMNS = 48  # states and inputs of a driveline, filled up
+SPEEDS = MAX_COLUMNS  #: places in what :func:`look` sees
+CARRIED = SPEEDS + 16
+N_SEEN = CARRIED + 8
+TRIAL = MAX_COLUMNS + 160  #: values of scratch that a step needs
 
 _STILL = 1e-12  # rad/s: slip that counts as none
 
@@ -165,12 +168,14 @@ def step(
     levels = bank.levels
     units = 1 << levels
     nz, count = flow.shape[2], flow.shape[3]
-    z, after = trial[:nz], trial[nz : nz + count]
     rows = bank.speeds.shape[1]
-    before_speeds = trial[nz + count : nz + count + rows]
-    after_speeds = trial[nz + count + rows : nz + count + 2 * rows]
-    torques = trial[nz + count + 2 * rows : nz + count + 2 * rows + bank.held_columns.shape[3]]
-    rates = trial[nz + count + 2 * rows + bank.held_columns.shape[3] :]
+    z, after, rest = (
+        trial[:nz],
+        trial[MAX_COLUMNS : MAX_COLUMNS + count],
+        trial[MAX_COLUMNS + count :],
+    )
+    before_speeds, after_speeds = rest[:rows], rest[rows : 2 * rows]
+    torques, rates = rest[2 * rows : 3 * rows], rest[3 * rows :]
     pistons = 0.0
     engine_torque = u[ENGINE]
     toothed = extras is not None
@@ -210,10 +215,12 @@ def step(
     for lock in range(m):
         if state[HELD + lock] == 1:
             holding = True
+    _join(x, u, nx, z)
+    joined = True
     if holding:
-        _join(x, u, nx, z)
         combine(bank.held_columns, state[ROW], 0, z, torques)
         if any_overloaded(torques, state, static, books, m, toothed):
+            joined = False
             for lock in range(m):
                 if state[HELD + lock] == 1 and overloaded(
                     held, x, u, state, static, books, lock, toothed
@@ -230,7 +237,9 @@ def step(
         while (position & ((1 << level) - 1)) != 0 or position + (1 << level) > units:
             level -= 1
         row = state[ROW]
-        _join(x, u, nx, z)
+        if not joined:
+            _join(x, u, nx, z)
+        joined = False
         combine(flow, row, level, z, after)
         length = 0.0
         if extras is not None:
@@ -327,25 +336,26 @@ def friction_torque(bank: Bank, x: Array, state: Integers, u: Array, lock: int) 
 
 
 @kernel
-def body_acceleration(bank: Bank, x: Array, state: Integers, u: Array) -> float:
-    """Return the body's angular acceleration, rad/s^2."""
-    rates, row = bank.body_rate, state[ROW]
-    nx = rates.shape[1] - u.shape[0]
-    # Four sums side by side: one alone would wait for each addition.
-    a = b = c = d = 0.0
-    j = 0
-    while j + 3 < nx:
-        a += rates[row, j] * x[j]
-        b += rates[row, j + 1] * x[j + 1]
-        c += rates[row, j + 2] * x[j + 2]
-        d += rates[row, j + 3] * x[j + 3]
-        j += 4
-    while j < nx:
-        a += rates[row, j] * x[j]
-        j += 1
-    for k in range(u.shape[0]):
-        b += rates[row, nx + k] * u[k]
-    return float((a + b) + (c + d))
+def look(bank: Bank, x: Array, state: Integers, u: Array, seen: Array) -> None:
+    """Write what can be read off the driveline now.
+
+    ``seen``, shape (N_SEEN,): from ``SPEEDS`` on the speeds at the ports and slips at the locks, rad/s;
+    from ``CARRIED`` on each lock's friction torque, held or sliding, N m on its first side, then the body's
+    angular acceleration, rad/s^2.
+    """
+    nu, nz = u.shape[0], bank.held_columns.shape[2]
+    nx, locks = bank.held_torque.shape[2] - nu, nu - N_PORTS
+    for i in range(nx):
+        seen[i] = x[i]
+    for i in range(nu):
+        seen[nx + i] = u[i]
+    for i in range(nx + nu, nz):
+        seen[i] = 0.0
+    all_rows(bank.speeds, x, seen[SPEEDS:])
+    combine(bank.held_columns, state[ROW], 0, seen, seen[CARRIED:])
+    for lock in range(locks):
+        if state[HELD + lock] == 0:
+            seen[CARRIED + lock] = u[N_PORTS + lock]
 
 
 @kernel

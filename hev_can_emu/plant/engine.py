@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from hev_can_emu.jit import kernel
+from hev_can_emu.jit import small_kernel
 from hev_can_emu.plant import checks
 from hev_can_emu.plant import torque_source as source
 from hev_can_emu.plant.engine_control import RUNNING, check_speeds, govern_idle, next_phase
@@ -121,7 +121,7 @@ class EngineParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return np.concatenate([self.source.pack(dt), np.array(own), np.array(tables)])
 
 
-@kernel
+@small_kernel
 def engine_drag(p: NDArray[np.float64], speed: float) -> float:
     """Return the drag torque, N m, of the sign of ``speed`` and in proportion to it near zero."""
     count = int(p[P_COUNT])
@@ -131,7 +131,7 @@ def engine_drag(p: NDArray[np.float64], speed: float) -> float:
     return drag if speed >= 0.0 else -drag
 
 
-@kernel
+@small_kernel
 def engine_limits(
     p: NDArray[np.float64], speed: float, phase: float, out: NDArray[np.float64]
 ) -> None:
@@ -148,7 +148,7 @@ def engine_limits(
         out[LIM_REASON_MAX] = source.LIMIT_SPEED if share < 1.0 else source.LIMIT_PEAK
 
 
-@kernel
+@small_kernel
 def engine_step(
     p: NDArray[np.float64],
     x: NDArray[np.float64],

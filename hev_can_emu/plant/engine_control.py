@@ -18,7 +18,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from hev_can_emu.jit import kernel
+from hev_can_emu.jit import small_kernel
 from hev_can_emu.plant import checks
 
 OFF, CRANKING, RUNNING, STALLED, FAULT = 0, 1, 2, 3, 4
@@ -36,7 +36,7 @@ def check_speeds(where: str, record: Any) -> None:
     checks.not_negative(where, record, "idle_gain", "idle_integral_gain")
 
 
-@kernel
+@small_kernel
 def next_phase(
     phase: float, run: float, healthy: float, speed: float, crank_speed: float, stall_speed: float
 ) -> float:
@@ -54,7 +54,7 @@ def next_phase(
     return float(STALLED) if phase == STALLED else float(CRANKING)
 
 
-@kernel
+@small_kernel
 def govern_idle(
     x: NDArray[Any],
     at: int,

@@ -9,13 +9,14 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from hev_can_emu.jit import kernel
+from hev_can_emu.jit import small_kernel
+from hev_can_emu.plant.columns import columns_times
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 
 
-@kernel
+@small_kernel
 def row_speed(at: Integers, by: Array, x: Array, row: int) -> float:
     """Return the slip at a lock, or the speed at a port, rad/s.
 
@@ -27,7 +28,7 @@ def row_speed(at: Integers, by: Array, x: Array, row: int) -> float:
     return total
 
 
-@kernel
+@small_kernel
 def held_torque(rows: Array, x: Array, u: Array, row: int, lock: int) -> float:
     """Return the friction torque that a held lock carries, N m (on its first side).
 
@@ -51,39 +52,14 @@ def held_torque(rows: Array, x: Array, u: Array, row: int, lock: int) -> float:
     return (a + b) + (c + d)
 
 
-@kernel
+@small_kernel
 def combine(columns: Array, row: int, level: int, z: Array, out: Array) -> None:
-    """``out = M z`` with M stored by columns in ``columns[row, level]``.
-
-    The number of columns is a multiple of four; ``out`` has as many values as a column.
-    """
-    count = columns.shape[3]
-    for i in range(count):
-        out[i] = 0.0
-    # Four columns at a time: the sums are loaded and stored a quarter as often.
-    for j in range(0, columns.shape[2], 4):
-        z0, z1, z2, z3 = z[j], z[j + 1], z[j + 2], z[j + 3]
-        for i in range(count):
-            out[i] += (columns[row, level, j, i] * z0 + columns[row, level, j + 1, i] * z1) + (
-                columns[row, level, j + 2, i] * z2 + columns[row, level, j + 3, i] * z3
-            )
+    """``out = M z`` with M stored by columns in ``columns[row, level]``; ``out`` takes a whole column."""
+    levels, nz, count = columns.shape[1], columns.shape[2], columns.shape[3]
+    columns_times(columns, (row * levels + level) * nz * count, count, z, nz, out)
 
 
-@kernel
+@small_kernel
 def all_rows(columns: Array, x: Array, out: Array) -> None:
     """``out = M x`` with the small M stored by columns, shape (nz, count)."""
-    nz, count = columns.shape
-    for i in range(count):
-        out[i] = 0.0
-    j = 0
-    while j + 3 < nz:
-        x0, x1, x2, x3 = x[j], x[j + 1], x[j + 2], x[j + 3]
-        for i in range(count):
-            out[i] += (columns[j, i] * x0 + columns[j + 1, i] * x1) + (
-                columns[j + 2, i] * x2 + columns[j + 3, i] * x3
-            )
-        j += 4
-    while j < nz:
-        for i in range(count):
-            out[i] += columns[j, i] * x[j]
-        j += 1
+    columns_times(columns, 0, columns.shape[1], x, columns.shape[0], out)

@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from hev_can_emu.jit import kernel
+from hev_can_emu.jit import small_kernel
 from hev_can_emu.plant import checks
 from hev_can_emu.plant import torque_source as source
 from hev_can_emu.plant.torque_source import TorqueSourceParameters, torque_source_step
@@ -130,7 +130,7 @@ class MotorParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return np.concatenate([self.source.pack(dt), np.array(own)])
 
 
-@kernel
+@small_kernel
 def fade(value: float, full: float, none: float) -> float:
     """Return 1 up to ``full``, 0 from ``none`` on, and the straight line between."""
     if value <= full:
@@ -140,7 +140,7 @@ def fade(value: float, full: float, none: float) -> float:
     return (none - value) / (none - full)
 
 
-@kernel
+@small_kernel
 def motor_limits(
     p: NDArray[np.float64],
     speed: float,
@@ -191,7 +191,7 @@ def motor_limits(
             out[LIM_REASON_MIN] = source.LIMIT_SPEED
 
 
-@kernel
+@small_kernel
 def idle_loss(p: NDArray[np.float64], speed: float) -> float:
     """Return the loss at zero torque with the inverter switching, W."""
     w = abs(speed)
@@ -199,7 +199,7 @@ def idle_loss(p: NDArray[np.float64], speed: float) -> float:
     return loss
 
 
-@kernel
+@small_kernel
 def motor_loss(p: NDArray[np.float64], torque: float, speed: float) -> float:
     """Return the loss of motor and inverter with the inverter switching, W."""
     copper: float = p[P_LOSS_TORQUE_SQUARE] * torque * torque
@@ -207,7 +207,7 @@ def motor_loss(p: NDArray[np.float64], torque: float, speed: float) -> float:
     return idle_loss(p, speed) + copper + cross
 
 
-@kernel
+@small_kernel
 def torque_for_power(p: NDArray[np.float64], speed: float, power: float, direction: float) -> float:
     """Return the torque at which the machine takes ``power`` from the DC link, W.
 
@@ -233,7 +233,7 @@ def torque_for_power(p: NDArray[np.float64], speed: float, power: float, directi
     return direction * magnitude
 
 
-@kernel
+@small_kernel
 def motor_power(
     p: NDArray[np.float64],
     torque: float,
@@ -255,7 +255,7 @@ def motor_power(
     out[OUT_WINDING_LOSS] = loss - out[OUT_INVERTER_LOSS]
 
 
-@kernel
+@small_kernel
 def motor_grant(
     p: NDArray[np.float64],
     x: NDArray[np.float64],
@@ -279,7 +279,7 @@ def motor_grant(
     motor_power(p, torque, speed, active, out)
 
 
-@kernel
+@small_kernel
 def motor_step(
     p: NDArray[np.float64],
     x: NDArray[np.float64],

@@ -14,7 +14,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hev_can_emu.jit import kernel
+from hev_can_emu.jit import small_kernel
 from hev_can_emu.plant.motor import (
     P_LOSS_CROSS,
     P_LOSS_TORQUE_SQUARE,
@@ -29,7 +29,7 @@ N_OUT = 6
 _TOLERANCE = 1e-6  # W
 
 
-@kernel
+@small_kernel
 def _share_discharging(a: float, b: float, rest: float) -> float:
     """Return the greatest s in 0..1 with a*s + b*s^2 <= rest, or the s of least power if none."""
     square = a * a + 4.0 * b * rest
@@ -42,7 +42,7 @@ def _share_discharging(a: float, b: float, rest: float) -> float:
     return min(max(share, 0.0), 1.0)
 
 
-@kernel
+@small_kernel
 def _share_charging(a: float, b: float, rest: float) -> float:
     """Return the greatest s in 0..1 up to which a*s + b*s^2 >= rest, for a < 0 and rest <= 0."""
     square = a * a + 4.0 * b * rest
@@ -50,7 +50,7 @@ def _share_charging(a: float, b: float, rest: float) -> float:
     return min(max(share, 0.0), 1.0)
 
 
-@kernel
+@small_kernel
 def allocate(
     motor1: NDArray[np.float64],
     motor2: NDArray[np.float64],
@@ -127,7 +127,7 @@ def allocate(
     out[OUT_SHORTFALL] = shortfall if shortfall > _TOLERANCE else 0.0
 
 
-@kernel
+@small_kernel
 def power_torque_range(
     motor: NDArray[np.float64],
     speed: float,
@@ -155,7 +155,7 @@ def power_torque_range(
         limits[1] = min(limits[1], _generating(motor, speed, most, least, 1.0))
 
 
-@kernel
+@small_kernel
 def _generating(
     motor: NDArray[np.float64], speed: float, most: float, least: float, direction: float
 ) -> float:

@@ -136,7 +136,8 @@ CAR_SHORT_TORQUE1, CAR_SHORT_SPEED1, CAR_SHORT_TORQUE2, CAR_SHORT_SPEED2 = 1, 2,
 
 PERIOD = 1e-3  #: control period, s
 PERIOD_NS = 1_000_000
-WORK = 256  #: values of scratch that a step needs
+W_TRIAL = 128
+WORK = W_TRIAL + driveline.TRIAL  #: values of scratch that a step needs
 
 
 class Plant(NamedTuple):
@@ -404,7 +405,7 @@ def plant_step(
     forces[ENGINE], forces[EM1], forces[EM2] = engine_torque, torque1, torque2
     forces[ROAD] = road_out[road.OUT_BODY_TORQUE]
     n_events = driveline.step(
-        bank, drive, n, forces, kinetic, static, x[X_LOST : X_LOST + 1], work[128:], t_ns,
+        bank, drive, n, forces, kinetic, static, x[X_LOST : X_LOST + 1], work[W_TRIAL:], t_ns,
         PERIOD_NS, events, n_events,
     )  # fmt: skip
 
@@ -470,7 +471,7 @@ def plant_step(
     y[Y_CONTACTOR_PHASE] = phase
     y[Y_LINK_VOLTAGE] = x_contactors[contactors.X_LINK_VOLTAGE]
     y[Y_GRADE], y[Y_AMBIENT] = grade, ambient
-    observe(plant, x, n, forces, y)
+    observe(plant, x, n, forces, y, work[W_TRIAL:])
     return n_events
 
 
@@ -485,29 +486,32 @@ def _gear_lock(lock: int, cone: float, dog: float, kinetic: Array, static: Array
         static[lock] = np.inf
 
 
-@inlined_kernel
-def observe(plant: Plant, x: Array, n: Integers, forces: Array, y: Array) -> None:
-    """Write into ``y`` what follows from the state: speeds, slips, held torques, temperatures."""
-    bank = plant.bank
-    at, by = bank.speed_at, bank.speed_by
-    drive = x[X_DRIVELINE:]
+@kernel
+def observe(plant: Plant, x: Array, n: Integers, forces: Array, y: Array, seen: Array) -> None:
+    """Write into ``y`` what follows from the state: speeds, slips, held torques, temperatures.
+
+    ``seen`` is scratch, shape (driveline.N_SEEN,).
+    """
+    driveline.look(plant.bank, x[X_DRIVELINE:], n, forces, seen)
+    speeds, carried = seen[driveline.SPEEDS :], seen[driveline.CARRIED :]
+    body = forces.shape[0] - N_PORTS
     radius = plant.car[CAR_TYRE_RADIUS]
-    y[Y_ENGINE_SPEED] = row_speed(at, by, drive, ENGINE)
-    y[Y_EM1_SPEED] = row_speed(at, by, drive, EM1)
-    y[Y_EM2_SPEED] = row_speed(at, by, drive, EM2)
-    y[Y_WHEEL_LEFT_SPEED] = row_speed(at, by, drive, N_PORTS + LEFT)
-    y[Y_WHEEL_RIGHT_SPEED] = row_speed(at, by, drive, N_PORTS + RIGHT)
-    y[Y_BODY_SPEED] = row_speed(at, by, drive, ROAD)
+    y[Y_ENGINE_SPEED] = speeds[ENGINE]
+    y[Y_EM1_SPEED] = speeds[EM1]
+    y[Y_EM2_SPEED] = speeds[EM2]
+    y[Y_WHEEL_LEFT_SPEED] = speeds[N_PORTS + LEFT]
+    y[Y_WHEEL_RIGHT_SPEED] = speeds[N_PORTS + RIGHT]
+    y[Y_BODY_SPEED] = speeds[ROAD]
     y[Y_VEHICLE_SPEED] = y[Y_BODY_SPEED] * radius
-    y[Y_ACCELERATION] = radius * driveline.body_acceleration(bank, drive, n, forces)
+    y[Y_ACCELERATION] = radius * carried[body]
     y[Y_ACCELEROMETER] = road.accelerometer(y[Y_ACCELERATION], y[Y_GRADE])
-    y[Y_CLUTCH_TORQUE] = -driveline.friction_torque(bank, drive, n, forces, C1)
-    y[Y_CLUTCH_SLIP] = row_speed(at, by, drive, N_PORTS + C1)
+    y[Y_CLUTCH_TORQUE] = -carried[C1]
+    y[Y_CLUTCH_SLIP] = speeds[N_PORTS + C1]
     y[Y_CLUTCH_HELD] = n[driveline.HELD + C1]
     target = x[X_SYNC + synchronizer.X_TARGET]
     sync = G2 if target == 2.0 else G1
-    y[Y_SYNC_TORQUE] = -driveline.friction_torque(bank, drive, n, forces, sync)
-    y[Y_SYNC_SLIP] = row_speed(at, by, drive, N_PORTS + sync) if target != 0.0 else 0.0
+    y[Y_SYNC_TORQUE] = -carried[sync]
+    y[Y_SYNC_SLIP] = speeds[N_PORTS + sync] if target != 0.0 else 0.0
     y[Y_SYNC_PHASE] = x[X_SYNC + synchronizer.X_PHASE]
     y[Y_SLEEVE_POSITION] = x[X_SYNC + synchronizer.X_POSITION]
     y[Y_SHIFT_FORCE] = x[X_SYNC + synchronizer.X_FORCE]

@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from hev_can_emu.jit import kernel
+from hev_can_emu.jit import small_kernel
 from hev_can_emu.plant import checks
 
 GRAVITY = 9.80665
@@ -61,13 +61,13 @@ class RoadParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         )
 
 
-@kernel
+@small_kernel
 def sine_of_grade(grade: float) -> float:
     """Return the sine of the slope's angle for ``grade``, rise over run."""
     return grade / math.sqrt(1.0 + grade * grade)
 
 
-@kernel
+@small_kernel
 def road_load(
     p: NDArray[np.float64],
     vehicle_speed: float,
@@ -97,7 +97,7 @@ def road_load(
     out[OUT_BODY_TORQUE] = out[OUT_AIR_TORQUE] + out[OUT_GRADE_TORQUE]
 
 
-@kernel
+@small_kernel
 def accelerometer(acceleration: float, grade: float) -> float:
     """Return what a longitudinal accelerometer reads, m/s^2: ``dv/dt + g*sin(slope)``."""
     if math.isnan(grade):

@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from hev_can_emu.jit import kernel
+from hev_can_emu.jit import small_kernel
 from hev_can_emu.plant import checks
 
 # Layout of the packed parameters.
@@ -67,7 +67,7 @@ class SpeedControlParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=
         )
 
 
-@kernel
+@small_kernel
 def speed_control_step(
     p: NDArray[np.float64],
     x: NDArray[np.float64],

@@ -29,7 +29,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from hev_can_emu.jit import kernel
+from hev_can_emu.jit import small_kernel
 from hev_can_emu.plant import checks
 from hev_can_emu.plant import torque_source as source
 
@@ -148,7 +148,7 @@ class SynchronizerParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=
         )
 
 
-@kernel
+@small_kernel
 def _travel(p: NDArray[np.float64], force: float) -> float:
     """Return the sleeve's travel in one period under a force in its direction, m."""
     velocity: float = (force - p[P_LEAST_FORCE]) / p[P_DAMPING]
@@ -157,7 +157,7 @@ def _travel(p: NDArray[np.float64], force: float) -> float:
     return min(max(velocity, 0.0), fastest) * dt
 
 
-@kernel
+@small_kernel
 def _choose(x: NDArray[np.float64], gear: float, force: float, least_force: float) -> None:
     """Change phase where the request alone decides it."""
     phase = x[X_PHASE]
@@ -177,7 +177,7 @@ def _choose(x: NDArray[np.float64], gear: float, force: float, least_force: floa
         x[X_PHASE] = DISENGAGING
 
 
-@kernel
+@small_kernel
 def _advance(
     p: NDArray[np.float64], x: NDArray[np.float64], s: float, push: float, slip: float, stuck: float
 ) -> float:
@@ -227,7 +227,7 @@ def _advance(
     return s
 
 
-@kernel
+@small_kernel
 def _return(
     p: NDArray[np.float64], x: NDArray[np.float64], s: float, push: float, dog_torque: float
 ) -> float:
@@ -251,7 +251,7 @@ def _return(
     return new
 
 
-@kernel
+@small_kernel
 def synchronizer_step(
     p: NDArray[np.float64],
     x: NDArray[np.float64],

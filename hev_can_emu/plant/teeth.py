@@ -60,7 +60,7 @@ class Extras(NamedTuple):
         mesh: shape (k,), index of each mesh's twist.
         mesh_half: shape (k,), half its play, m.
         mesh_stiffness, mesh_damping: shape (k,), N/m and N s/m.
-        rates: shape (n, nb), the last filled up to a multiple of four: the transposed rows that give every
+        rates: shape (n, nb), the last filled up to a multiple of eight: the transposed rows that give every
             branch's rate of deflection from the speeds.
         branch_at, branch_by: the same for one branch at a time: shape (nb, k), places
             and factors of what is not zero.

@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from hev_can_emu.jit import kernel
+from hev_can_emu.jit import small_kernel
 from hev_can_emu.plant import checks
 
 # Layout of one packed node.
@@ -64,7 +64,7 @@ class ThermalParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
         return np.concatenate([self.winding.pack(dt), self.inverter.pack(dt)])
 
 
-@kernel
+@small_kernel
 def node_step(
     p: NDArray[np.float64], offset: int, temperature: float, loss: float, coolant: float
 ) -> float:
@@ -74,7 +74,7 @@ def node_step(
     return settled + (temperature - settled) * keep
 
 
-@kernel
+@small_kernel
 def thermal_step(
     p: NDArray[np.float64],
     x: NDArray[np.float64],

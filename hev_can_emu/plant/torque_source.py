@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hev_can_emu.errors import InputError
-from hev_can_emu.jit import kernel
+from hev_can_emu.jit import small_kernel
 from hev_can_emu.plant import checks
 
 # Why a setpoint differs from its request.  The numbers are those of the control units' ports.
@@ -77,7 +77,7 @@ class TorqueSourceParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=
         return np.array([ticks, self.slew_rate * dt, keep, self.off_slew_rate * dt])
 
 
-@kernel
+@small_kernel
 def torque_source_step(
     p: NDArray[np.float64],
     x: NDArray[np.float64],
@@ -161,7 +161,7 @@ def torque_source_step(
     out[OUT_REASON] = reason
 
 
-@kernel
+@small_kernel
 def torque_source_hold(x: NDArray[np.float64], torque: float) -> None:
     """Replace the state's torque by what was granted, so that the lag goes on from there."""
     x[X_TORQUE] = torque

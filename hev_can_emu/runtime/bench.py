@@ -19,6 +19,7 @@ from hev_can_emu.ecu import transmission_unit
 from hev_can_emu.jit import JIT_DISABLED, counting_kernel, kernel
 from hev_can_emu.plant import detailed_layout as lay
 from hev_can_emu.plant import powertrain as port
+from hev_can_emu.plant.columns import aligned
 from hev_can_emu.plant.detailed_parameters import Effects
 from hev_can_emu.plant.events import EVENT
 from hev_can_emu.plant.ledger import Ledger
@@ -153,7 +154,7 @@ class Bench:
         self._held = hold(
             Parts(
                 self.plant, self._car.unit, transmission, self.x, self.n, self._command,
-                self._truth, np.zeros(self._car.work), self._events,
+                self._truth, aligned(self._car.work), self._events,
             )
         )  # fmt: skip
         self._nothing = np.zeros(0, dtype=np.int64), np.zeros((0, 0))

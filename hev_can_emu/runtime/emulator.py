@@ -58,6 +58,7 @@ from hev_can_emu.messages.restbus import (
 )
 from hev_can_emu.messages.transfer import receive_state_size, reset_receive
 from hev_can_emu.plant import driveline, powertrain
+from hev_can_emu.plant.columns import aligned, filled_up
 from hev_can_emu.plant.events import EVENT
 from hev_can_emu.plant.holding import MESH_EVENT
 from hev_can_emu.plant.ledger import Ledger
@@ -620,11 +621,12 @@ def _allocate(
         "held": (FRAME, (HELD_FRAMES,)),
         "held_row": (i8, (HELD_FRAMES, 2)),
     }
+    # Each begins where a cache line does.
     sizes = {
-        name: -(-int(np.prod(shape)) * kind.itemsize // 8) * 8
+        name: filled_up(-(-int(np.prod(shape)) * kind.itemsize // 8)) * 8
         for name, (kind, shape) in layout.items()
     }
-    buffer = np.zeros(sum(sizes.values()), dtype=np.uint8)
+    buffer = aligned(sum(sizes.values()) // 8).view(np.uint8)
     views, at = {}, 0
     for name, (kind, shape) in layout.items():
         length = int(np.prod(shape)) * kind.itemsize

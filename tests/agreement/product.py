@@ -24,6 +24,7 @@ from hev_can_emu.plant import detailed_layout as lay
 from hev_can_emu.plant import powertrain as port
 from hev_can_emu.plant.detailed import detailed_step, observe
 from hev_can_emu.plant.detailed_parameters import Effects
+from hev_can_emu.plant.driveline import N_SEEN
 from hev_can_emu.plant.events import EVENT
 from hev_can_emu.plant.hydraulic_parameters import P_CLUTCH_COMPLIANCE
 from hev_can_emu.plant.start import Start
@@ -93,7 +94,7 @@ class Product:
         told = self.work[lay.W_OIL : lay.W_SYNC]
         told[hydraulics.OUT_PISTON] = z[PISTON]
         told[hydraulics.OUT_PACK_FORCE] = car.circuit.pack_force(z[PISTON])
-        observe(plant, x, n, np.zeros(len(plant.bank.speed_at)), self.y)
+        observe(plant, x, n, np.zeros(len(plant.bank.speed_at)), self.y, np.zeros(N_SEEN))
         self.chain = car.chain
         self.records = np.zeros(4096, dtype=EVENT)
 

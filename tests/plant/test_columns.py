@@ -1,0 +1,54 @@
+"""The vector sums against the plain order of additions, bit for bit, and their place in memory."""
+
+import numpy as np
+import pytest
+
+from hev_can_emu.plant.columns import aligned, columns_times, filled_up
+
+
+def in_order(matrix, x):
+    """Four products at a time, then what is left one by one: the order that the page promises."""
+    columns, count = matrix.shape
+    totals = []
+    for i in range(count):
+        total = 0.0
+        for j in range(0, columns - 3, 4):
+            a, b, c, d = (float(matrix[j + k, i]) * float(x[j + k]) for k in range(4))
+            total += (a + b) + (c + d)
+        for j in range(columns - columns % 4, columns):
+            total += float(matrix[j, i]) * float(x[j])
+        totals.append(total)
+    return totals
+
+
+@pytest.mark.parametrize("count", [4, 8, 12, 16, 36, 40, 64])
+@pytest.mark.parametrize("columns", [1, 4, 18, 19, 44])
+def test_sums_have_the_bits_of_the_stated_order(columns, count):
+    random = np.random.default_rng(columns * 100 + count)
+    whole = random.normal(size=(3, columns, count)) * 10.0 ** random.integers(
+        -9, 9, (3, columns, count)
+    )
+    x = random.normal(size=columns + 2)
+    out = np.full(count + 2, 7.0)
+    columns_times(whole, 2 * columns * count, count, x, columns, out)
+    assert out[:count].tolist() == in_order(whole[2], x)
+    assert out[count:].tolist() == [7.0, 7.0]
+
+
+def test_nothing_to_add_gives_zeros():
+    out = np.full(8, np.nan)
+    columns_times(np.ones((2, 8)), 0, 8, np.ones(2), 0, out)
+    assert out.tolist() == [0.0] * 8
+
+
+@pytest.mark.parametrize("shape", [(1,), (7, 3), (5, 4, 16)])
+def test_aligned_arrays_begin_at_a_cache_line(shape):
+    array = aligned(*shape)
+    assert array.shape == shape
+    assert array.ctypes.data % 64 == 0
+    assert not array.any()
+
+
+def test_filled_up_gives_the_next_whole_number():
+    assert [filled_up(n) for n in (0, 1, 8, 9)] == [0, 8, 8, 16]
+    assert [filled_up(n, 4) for n in (4, 5)] == [4, 8]
