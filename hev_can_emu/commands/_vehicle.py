@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import textwrap
-from pathlib import Path
 from typing import NamedTuple
 
 from hev_can_emu import config
 from hev_can_emu.ecu.transmission_file import CarFile
 from hev_can_emu.plant.vehicle import DrivelineParameters
 from hev_can_emu.plant.vehicle_file import driveline_parameters
-from hev_can_emu.resources import folder, shipped_or_path
+from hev_can_emu.runtime.setup import vehicle_path
 
 DEFAULT = "dai2024"
 
@@ -21,15 +20,6 @@ class Vehicle(NamedTuple):
     name: str
     provenance: str
     driveline: DrivelineParameters
-
-
-def vehicle_path(name: str) -> Path:
-    """Return the file behind ``name``: a path, or the name of a shipped vehicle.
-
-    Raises:
-        InputError: neither exists.
-    """
-    return shipped_or_path(name, folder("vehicles"), "--vehicle")
 
 
 def load_vehicle(name: str = DEFAULT) -> Vehicle:

@@ -72,8 +72,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Run the scenario once per fidelity and print how far they are apart; raises InputError."""
-    from hev_can_emu.plant.assembly import MODELS
     from hev_can_emu.resources import folder, shipped_or_path
+    from hev_can_emu.runtime.setup import MODELS
 
     plot = check_plot(args.plot) if args.plot else None
     models = args.models.split(",") if args.models else list(MODELS)

@@ -12,7 +12,7 @@ signal's own unit; texts carry a unit (``20 ms``, ``-5 degC``) or are a label of
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal, NamedTuple, get_args
 
 import msgspec
@@ -418,16 +418,36 @@ def _entry(spec: type[msgspec.Struct]) -> Kind:
     return Kind(tag(spec.__name__), " ".join((spec.__doc__ or "").split()), tuple(parameters), spec)
 
 
-CATALOGUE: dict[str, Kind] = {
-    kind.name: kind for kind in (_entry(spec) for spec in get_args(Fault))
-}
+class _Catalogue(Mapping[str, Kind]):
+    """Entries made when they are asked for: looking at all specifications takes a while."""
+
+    def __init__(self, specs: Sequence[type[msgspec.Struct]]) -> None:
+        self.specs = {tag(spec.__name__): spec for spec in specs}
+        self._made: dict[str, Kind] = {}
+
+    def __getitem__(self, name: str) -> Kind:
+        if name not in self._made:
+            self._made[name] = _entry(self.specs[name])
+        return self._made[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.specs)
+
+    def __len__(self) -> int:
+        return len(self.specs)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.specs
+
+
+CATALOGUE = _Catalogue(get_args(Fault))
 """Every kind of fault, by name."""
 _TARGETS.update(
     {
-        kind.name: field
-        for kind in CATALOGUE.values()
+        name: field
+        for name, spec in CATALOGUE.specs.items()
         for field in _TARGET_FIELDS
-        if field in kind.spec.__struct_fields__
+        if field in spec.__struct_fields__
     }
 )
 

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from hev_can_emu.ecu import hydraulic_control as control
 from hev_can_emu.ecu import shift_control as shift
-from hev_can_emu.ecu.transmission_file import TransmissionTuning
 from hev_can_emu.jit import kernel
 from hev_can_emu.plant import powertrain as plant
-from hev_can_emu.plant.detailed_parameters import DetailedParameters
+
+if TYPE_CHECKING:  # slow to import, and needed by the detailed plant only
+    from hev_can_emu.ecu.transmission_file import TransmissionTuning
+    from hev_can_emu.plant.detailed_parameters import DetailedParameters
 
 Array = npt.NDArray[np.float64]
 
@@ -37,6 +39,8 @@ def build_unit(
     finer: DetailedParameters, tuning: TransmissionTuning | None = None
 ) -> TransmissionUnit:
     """Return the unit for a car's nominal hydraulics and clutch; without ``tuning`` the default car's."""
+    from hev_can_emu.ecu.transmission_file import TransmissionTuning
+
     tuning = tuning or TransmissionTuning()
     return TransmissionUnit(
         control=tuning.hydraulics.pack(finer.hydraulics),

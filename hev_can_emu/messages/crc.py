@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from hev_can_emu.jit import kernel
 
 
+@functools.cache
 def crc_table(width: int, polynomial: int, reflected: bool = False) -> np.ndarray:
     """Return the 256 remainders, int64, of a CRC of ``width`` bits (8 or 16).
 

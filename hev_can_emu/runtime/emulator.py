@@ -67,7 +67,13 @@ from hev_can_emu.runtime import tick
 from hev_can_emu.runtime.car import Car
 from hev_can_emu.runtime.fault_book import FaultBook, InjectedFault
 from hev_can_emu.runtime.network_cache import cached_database
-from hev_can_emu.runtime.setup import PROTECTION_MODES, Setup, network_files, prepared_faults
+from hev_can_emu.runtime.setup import (
+    MODELS,
+    PROTECTION_MODES,
+    Setup,
+    network_files,
+    prepared_faults,
+)
 from hev_can_emu.runtime.tick import TICK_NS, Constants, State, make_world, run_world
 from hev_can_emu.scenario.script import GO_ON, STOPPED, Script, no_script
 
@@ -84,7 +90,6 @@ _DRIVER_PORTS = (
     ports.ROAD_GRADE,
     ports.AMBIENT_TEMPERATURE,
 )
-_MODELS = {"4dof": 0, "16dof": 1, "detailed": 2}
 MODE_NAMES = (
     "transition", "series", "parallel_g1", "parallel_g2",
     "electric_neutral", "electric_g1", "electric_g2",
@@ -175,7 +180,7 @@ class Emulator:
             boot_ns=BOOT_NS,
             afterrun_ns=AFTERRUN_NS,
             protection_mode=PROTECTION_MODES.index(self.setup.protection),
-            model=_MODELS[self.setup.model],
+            model=MODELS.index(self.setup.model),
             tyre_radius=self._car.tyre_radius,
             brake_max=self._car.brake_max,
             clutch_max=self._car.clutch_max,

@@ -12,7 +12,7 @@ import msgspec
 
 from hev_can_emu.ecu.faults import Fault
 from hev_can_emu.messages.definitions import MessageDef
-from hev_can_emu.plant.assembly import MODELS
+from hev_can_emu.runtime.setup import MODELS
 from hev_can_emu.scenario.schema import Scenario
 from hev_can_emu.scenario.signals import Signal, Signals
 from hev_can_emu.scenario.window_compiler import WINDOWS

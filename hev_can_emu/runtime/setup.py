@@ -4,22 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 
 from hev_can_emu import config
 from hev_can_emu.ecu.bindings_file import Bindings
 from hev_can_emu.ecu.faults import Fault, parse
-from hev_can_emu.ecu.transmission_file import CarFile
 from hev_can_emu.errors import InputError, did_you_mean
-from hev_can_emu.plant.assembly import MODELS
-from hev_can_emu.plant.machines import Machines
 from hev_can_emu.plant.reduction import REDUCTIONS
-from hev_can_emu.plant.vehicle import DrivelineParameters
-from hev_can_emu.plant.vehicle_file import driveline_parameters, machine_parameters
 from hev_can_emu.resources import folder, shipped_or_path
 
+if TYPE_CHECKING:
+    from hev_can_emu.ecu.transmission_file import CarFile
+    from hev_can_emu.plant.machines import Machines
+    from hev_can_emu.plant.vehicle import DrivelineParameters
+
+MODELS = ("4dof", "16dof", "detailed")  #: of the plant
 PROTECTION_MODES = ("off", "observe", "enforce")
 OWNERS = ("emulated", "external", "silent")
 STARTS = ("ready", "off")
@@ -73,9 +74,18 @@ def _choose(where: str, value: str, known: tuple[str, ...]) -> None:
         )
 
 
+def vehicle_path(name: str) -> Path:
+    """Return the file of a shipped vehicle, or of a path; raises InputError."""
+    return shipped_or_path(name, folder("vehicles"), "--vehicle")
+
+
 def load_car(name: str) -> tuple[DrivelineParameters, Machines, CarFile, str]:
     """Return a car's parameters, checked, with the file and its path; raises InputError."""
-    path = shipped_or_path(name, folder("vehicles"), "--vehicle")
+    # What a vehicle file may hold takes long to import; most runs find their car built.
+    from hev_can_emu.ecu.transmission_file import CarFile
+    from hev_can_emu.plant.vehicle_file import driveline_parameters, machine_parameters
+
+    path = vehicle_path(name)
     file = config.load(path, CarFile)
     return (
         driveline_parameters(file.driveline, str(path)),
