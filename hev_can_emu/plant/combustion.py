@@ -107,16 +107,27 @@ def combustion_step(
     # Charge: its lag is an angle, bounded in time; caught each half turn, burnt one half turn later.
     load = row_torque_load(p, row, share, setpoint if running else asked)
     lag = p[maps.P_INTAKE_ANGLE] / max(abs(speed), p[maps.P_INTAKE_ANGLE] / p[maps.P_INTAKE_TIME])
-    x[X_CHARGE] = load + (x[X_CHARGE] - load) * math.exp(-p[maps.P_STEP] / lag)
+    charge = x[X_CHARGE]
+    x[X_CHARGE] = load + (charge - load) * math.exp(-p[maps.P_STEP] / lag)
     half = 1.0 if angle >= math.pi else 0.0
+    burnt, late = x[X_BURNING], 0.0
     if half != x[X_HALF]:
+        # By what share of a step the dead centre is over already: the valves shut at that instant.
+        if speed > 0.0:
+            late = min((angle - half * math.pi) / (speed * p[maps.P_STEP]), 1.0)
         x[X_BURNING] = x[X_CAUGHT]
-        x[X_CAUGHT] = x[X_CHARGE] if fuelled and setpoint > 0.0 else 0.0
+        x[X_CAUGHT] = 0.0
+        if fuelled and setpoint > 0.0:
+            x[X_CAUGHT] = max(charge - late * (x[X_CHARGE] - charge), 0.0)
         x[X_HALF] = half
     if not running:
         x[X_CAUGHT] = 0.0
         x[X_BURNING] = 0.0
     combustion = row_load_torque(p, row, share, x[X_BURNING])
+    if late > 0.0 and running:
+        # What burnt too long until now is made up for.
+        more = combustion - row_load_torque(p, row, share, burnt)
+        combustion = max(combustion + late * more, 0.0)
 
     pulse = 0.0
     if p[maps.P_PULSES] > 0.5:

@@ -210,20 +210,24 @@ def _steps(
         )  # fmt: skip
         road.road_load(p_road, radius * speeds[ROAD], hold[lay.H_GRADE], 0.0, road_out)
         forces[ROAD] = road_out[road.OUT_BODY_TORQUE]
-        # C1 by the oil at the step's beginning: the flow, by valves at its end, is half a step early, and
-        # what is held from the beginning half a step late.
-        inner.capacities(
-            p_clutch, x_clutch, p_oil, x_oil, speeds[N_PORTS + C1],
-            oil_temperature, hold, road_out, n, clutch_out, kinetic, static,
-        )  # fmt: skip
-        tyre.allow_for_creep(plant.tyres, x[lay.X_TYRES : lay.X_DRIVELINE], static)
         inner.shift(
             held, speeds, p_sleeve, x_sync, oil_out, drive_x, n, forces, books, kinetic, static,
             play, sleeve_out,
         )  # fmt: skip
-        hydraulics.hydraulics_step(
-            p_oil, x_oil, current0, current1, current2, pump, x_sync[sleeve.X_POSITION], oil_out
-        )
+        force, piston = hydraulics.pack_force(p_oil, x_oil), x_oil[hydraulics.X_PISTON]
+        parts = hydraulics.hydraulics_in_parts(
+            p_oil, plant.fine_hydraulics, x_oil, current0, current1, current2, pump,
+            x_sync[sleeve.X_POSITION], oil_out,
+        )  # fmt: skip
+        # What C1 can carry is held over the step: its middle, but the oil is half a part early.
+        later = 0.5 - 0.5 / parts
+        force += later * (oil_out[hydraulics.OUT_PACK_FORCE] - force)
+        piston += later * (oil_out[hydraulics.OUT_PISTON] - piston)
+        inner.capacities(
+            p_clutch, x_clutch, force, piston, speeds[N_PORTS + C1], oil_temperature, hold, road_out,
+            n, clutch_out, kinetic, static,
+        )  # fmt: skip
+        tyre.allow_for_creep(plant.tyres, x[lay.X_TYRES : lay.X_DRIVELINE], static)
         inner.book_oil(oil_out, tick)
         shifting.book_sleeve(
             sleeve_out, oil_out[hydraulics.OUT_SLEEVE_WORK], tick[ledger.L_SLEEVE :]

@@ -81,6 +81,7 @@ def build_detailed(
         brakes=machines.brakes.pack(),
         road=machines.road.pack(parameters.inertias["Jv"] / radius**2, radius),
         hydraulics=finer.hydraulics.pack(step),
+        fine_hydraulics=finer.hydraulics.pack(step / hydraulics.PARTS),
         clutch=finer.clutch.pack(step, clutch_wear),
         sleeve=finer.sleeve.pack(step),
         coolant=machines.engine_coolant.pack(),

@@ -98,8 +98,8 @@ UNITS: dict[type, dict[str, str]] = {
         "surfaces": _PURE, "outer_radius": _LENGTH, "inner_radius": _LENGTH,
         "groove_share": _PURE, "kiss_travel": _LENGTH, "least_gap": _LENGTH,
         "viscosity": "Pa s", "viscosity_temperature": _KELVIN, "viscosity_slope": "1/K",
-        "expulsion_slip": _SPEED, "heat_capacity": "J/K", "oil_heat": "J/(m^3 K)",
-        "still_cooling": "W/K",
+        "expulsion_slip": _SPEED, "film_pressure": _PASCAL, "heat_capacity": "J/K",
+        "oil_heat": "J/(m^3 K)", "still_cooling": "W/K",
     },
     SleeveParameters: {
         "mass": "kg", "damping": "N s/m", "guide_friction": _FORCE, "neutral_force": _FORCE,

@@ -184,8 +184,8 @@ def shift(
 def capacities(
     clutch_p: Array,
     x_clutch: Array,
-    p_oil: Array,
-    x_oil: Array,
+    force: float,
+    piston: float,
     slip: float,
     oil_temperature: float,
     hold: Array,
@@ -195,12 +195,16 @@ def capacities(
     kinetic: Array,
     static: Array,
 ) -> None:
-    """Write what C1, brakes and rolling resistance can carry; the gears' locks are the sleeve's."""
+    """Write what C1, brakes and rolling resistance can carry; the gears' locks are the sleeve's.
+
+    ``force`` presses C1's plates, ``piston`` is its travel.
+    """
     external = hold[lay.H_CAPACITY]
     if math.isnan(external):
         wet_clutch.capacity_step(
-            clutch_p, x_clutch, hydraulics.pack_force(p_oil, x_oil), x_oil[hydraulics.X_PISTON],
-            0.0 if n[HELD + C1] == 1 else slip, oil_temperature, clutch_out,
+            clutch_p, x_clutch, force, piston,
+            wet_clutch.foreseen_slip(x_clutch, 0.0 if n[HELD + C1] == 1 else slip),
+            oil_temperature, clutch_out,
         )  # fmt: skip
         kinetic[C1] = clutch_out[wet_clutch.OUT_KINETIC] + clutch_out[wet_clutch.OUT_DRAG]
         static[C1] = clutch_out[wet_clutch.OUT_STATIC]

@@ -124,6 +124,7 @@ class DetailedPlant(NamedTuple):
     brakes: Array
     road: Array
     hydraulics: Array
+    fine_hydraulics: Array
     clutch: Array
     sleeve: Array
     coolant: Array

@@ -57,7 +57,8 @@ from hev_can_emu.plant.hydraulic_parameters import (
 X_SUPPLY, X_CLUTCH, X_SHIFT1, X_SHIFT2 = 0, 1, 2, 3
 X_PISTON, X_SLEEVE, X_PUMP, X_TANK = 4, 5, 6, 7
 X_SPOOL = 8
-N_STATE = 14
+X_SPEED = 14  # of the clutch piston over the last step, m/s
+N_STATE = 15
 
 # Layout of the output.  From OUT_PUMP_WORK on: J in this step; see the functions below for signs.
 OUT_SUPPLY, OUT_CLUTCH, OUT_SHIFT1, OUT_SHIFT2 = 0, 1, 2, 3  # gauge pressures, Pa
@@ -71,6 +72,12 @@ N_OUT = 19
 
 PASSES = 2
 """How often the orifices' conductances are brought up to date within a step."""
+
+PARTS = 8
+"""Of a step in which the clutch piston moves, where :func:`hydraulics_in_parts` is asked."""
+
+STILL, CALM = 2e-4, 1.0
+"""A clutch piston below the first, m/s, and a spool below the second, 1/s, count as at rest."""
 
 
 @kernel
@@ -190,6 +197,41 @@ def _tank_edge(p: NDArray[np.float64], valve: int, spool: float, chamber: float)
 
 
 @kernel
+def _clear_energies(out: NDArray[np.float64]) -> None:
+    for i in range(OUT_PUMP_WORK, N_OUT):
+        out[i] = 0.0
+
+
+@kernel
+def hydraulics_in_parts(
+    p: NDArray[np.float64],
+    fine: NDArray[np.float64],
+    x: NDArray[np.float64],
+    current_clutch: float,
+    current_shift1: float,
+    current_shift2: float,
+    pump_on: float,
+    sleeve_position: float,
+    out: NDArray[np.float64],
+) -> int:
+    """As :func:`hydraulics_step`, in :data:`PARTS` while the clutch piston moves; return how many.
+
+    ``fine`` are the parameters for a step that is so much shorter.  The sleeve moves evenly.
+    """
+    parts, each = 1, p
+    if abs(x[X_SPEED]) >= STILL or abs(x[X_SPOOL + 1]) >= CALM:
+        parts, each = PARTS, fine
+    _clear_energies(out)
+    away = sleeve_position - x[X_SLEEVE]
+    for part in range(parts):
+        place = sleeve_position - away * (parts - 1 - part) / parts
+        _advance(
+            each, x, current_clutch, current_shift1, current_shift2, pump_on, place, parts, out
+        )
+    return parts
+
+
+@kernel
 def hydraulics_step(
     p: NDArray[np.float64],
     x: NDArray[np.float64],
@@ -217,6 +259,23 @@ def hydraulics_step(
             piston's stop, within the step; work done on the sleeve, and that less the work of the
             force told in the step before.
     """
+    _clear_energies(out)
+    _advance(p, x, current_clutch, current_shift1, current_shift2, pump_on, sleeve_position, 1, out)
+
+
+@kernel
+def _advance(
+    p: NDArray[np.float64],
+    x: NDArray[np.float64],
+    current_clutch: float,
+    current_shift1: float,
+    current_shift2: float,
+    pump_on: float,
+    sleeve_position: float,
+    parts: int,
+    out: NDArray[np.float64],
+) -> None:
+    """Advance by ``p``'s step, one of so many equal parts; energies are added to ``out``."""
     dt = p[P_DT]
     area = p[P_CLUTCH_AREA]
     c0, c1, c2 = p[P_CLUTCH_COMPLIANCE], p[P_SHIFT_COMPLIANCE], p[P_SHIFT_COMPLIANCE + 1]
@@ -288,6 +347,8 @@ def hydraulics_step(
         pumped = dt * delivery - leak * supply if leak > 0.0 else 0.0
         relieved = relief * (supply - p[P_RELIEF_OPEN]) if relief > 0.0 else 0.0
 
+    stiffness1 = area1 * area1 / (c1 + parts * (in1 + back1))
+    stiffness2 = area2 * area2 / (c2 + parts * (in2 + back2))
     # Volumes moved: out of one place, into another.
     in0 *= supply - pressure0
     in1 *= supply - pressure1
@@ -322,25 +383,26 @@ def hydraulics_step(
     out[OUT_SHIFT1], out[OUT_SHIFT2] = pressure1, pressure2
     out[OUT_PISTON], out[OUT_PACK_FORCE] = position, p[P_PACK] * squeeze
     out[OUT_SHIFT_FORCE] = force
-    out[OUT_SHIFT_STIFFNESS] = area1 * area1 * d1 + area2 * area2 * d2
+    # That of the whole step, as far as oil flows off meanwhile.
+    out[OUT_SHIFT_STIFFNESS] = stiffness1 + stiffness2
 
     # Energies.  A stopped pump leaks inwardly what it still turns; its check valve is shut.
     at_pump = supply
     if pumped == 0.0:
         at_pump = min(delivery / p[P_PUMP_LEAK], supply) if p[P_PUMP_LEAK] > 0.0 else 0.0
     friction = dt * p[P_PUMP_FRICTION] * speed * speed
-    out[OUT_PUMP_WORK] = dt * delivery * at_pump + friction
-    out[OUT_PUMP_LOSS] = (dt * delivery - pumped) * at_pump + friction
-    out[OUT_RELIEF_LOSS] = relieved * supply
-    out[OUT_VALVE_LOSS] = in0 * (supply - pressure0) + back0 * pressure0
-    out[OUT_VALVE_LOSS + 1] = in1 * (supply - pressure1) + back1 * pressure1
-    out[OUT_VALVE_LOSS + 2] = in2 * (supply - pressure2) + back2 * pressure2
+    out[OUT_PUMP_WORK] += dt * delivery * at_pump + friction
+    out[OUT_PUMP_LOSS] += (dt * delivery - pumped) * at_pump + friction
+    out[OUT_RELIEF_LOSS] += relieved * supply
+    out[OUT_VALVE_LOSS] += in0 * (supply - pressure0) + back0 * pressure0
+    out[OUT_VALVE_LOSS + 1] += in1 * (supply - pressure1) + back1 * pressure1
+    out[OUT_VALVE_LOSS + 2] += in2 * (supply - pressure2) + back2 * pressure2
     moved = position - piston
-    out[OUT_SEAL_LOSS] = p[P_SEAL_RATE] * moved * moved
-    out[OUT_STOP_LOSS] = 0.0
+    x[X_SPEED] = moved / dt
+    out[OUT_SEAL_LOSS] += p[P_SEAL_RATE] * moved * moved
     if position == 0.0:
         push = p[P_PRELOAD] + p[P_SEAL_RATE] * moved - area * pressure0
-        out[OUT_STOP_LOSS] = -push * moved
+        out[OUT_STOP_LOSS] += -push * moved
     was_line, was_beyond = min(w_supply, charged), max(w_supply - charged, 0.0)
     line, beyond = min(x[X_SUPPLY], charged), max(x[X_SUPPLY] - charged, 0.0)
     more, further = line - was_line, beyond - was_beyond
@@ -351,6 +413,6 @@ def hydraulics_step(
     was_squeeze = max(piston - p[P_KISS], 0.0)
     within += 0.5 * p[P_SPRING] * moved * moved + 0.5 * p[P_PACK] * (squeeze - was_squeeze) ** 2
     within += p[P_PACK] * squeeze * (moved - (squeeze - was_squeeze))
-    out[OUT_STEP_LOSS] = within
-    out[OUT_SLEEVE_WORK] = force * travel
-    out[OUT_SLEEVE_LAG] = (force - (area1 * old1 - area2 * old2)) * travel
+    out[OUT_STEP_LOSS] += within
+    out[OUT_SLEEVE_WORK] += force * travel
+    out[OUT_SLEEVE_LAG] += (force - (area1 * old1 - area2 * old2)) * travel

@@ -8,7 +8,8 @@ the driveline and not a slope of the curve.  There are two curves: fresh (rising
 
 Open, the oil between the plates is sheared:
 ``T = eta(T)*n*g*(pi/2)*(ro^4 - ri^4)*slip/h``, with the gap ``h`` from the piston's travel and a
-factor ``1/(1 + (slip/w_e)^2)`` for the oil thrown out at high slip.
+factor ``1/(1 + (slip/w_e)^2)`` for the oil thrown out at high slip.  Pressed plates squeeze the film out and
+rub by the map instead: its torque fades with ``exp(-P/P_film)``.
 """
 
 from __future__ import annotations
@@ -33,7 +34,8 @@ P_DRAG, P_KISS, P_LEAST_GAP, P_EXPEL = 4, 5, 6, 7
 P_OIL_REFERENCE, P_OIL_SLOPE = 8, 9
 P_HEAT_CAPACITY, P_FLOW_HEAT, P_STILL_COOLING = 10, 11, 12
 P_STATIC_FRESH, P_STATIC_AGED, P_STATIC = 13, 14, 15
-P_SPEED = 16
+P_FILM = 16
+P_SPEED = 17
 P_FRESH = P_SPEED + POINTS
 P_AGED = P_FRESH + POINTS
 P_CURVE = P_AGED + POINTS
@@ -43,9 +45,9 @@ P_TEMPERATURE = P_PRESSURE_FACTOR + POINTS
 P_TEMPERATURE_FACTOR = P_TEMPERATURE + POINTS
 N_PARAMETERS = P_TEMPERATURE_FACTOR + POINTS
 
-# State: plate temperature, K.
-X_TEMPERATURE = 0
-N_STATE = 1
+# State: plate temperature, K; slip when the step before began, rad/s.
+X_TEMPERATURE, X_SLIP = 0, 1
+N_STATE = 2
 
 # Output of the capacity: N m, all of them magnitudes, and the kinetic coefficient.
 OUT_KINETIC, OUT_STATIC, OUT_DRAG, OUT_FRICTION = 0, 1, 2, 3
@@ -116,6 +118,7 @@ class WetClutchParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=Tru
         viscosity_temperature: K.
         viscosity_slope: its logarithmic fall with temperature, 1/K.
         expulsion_slip: at which the film begins to be thrown out, rad/s.
+        film_pressure: on the lining, at which the film has lost all but 1/e of its torque, Pa.
         heat_capacity: of plates and drum, J/K.
         oil_heat: density times specific heat of the oil times how well it takes it up, J/(m^3 K).
         still_cooling: without oil flow, W/K.
@@ -132,6 +135,7 @@ class WetClutchParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=Tru
     viscosity_temperature: float
     viscosity_slope: float
     expulsion_slip: float
+    film_pressure: float
     heat_capacity: float
     oil_heat: float
     still_cooling: float
@@ -144,7 +148,8 @@ class WetClutchParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=Tru
         checks.fraction(where, self, "groove_share")
         if self.groove_share == 1.0:
             raise InputError(f"{where}.groove_share", "less than 1", repr(self.groove_share))
-        checks.positive(where, self, "viscosity_temperature", "expulsion_slip", "heat_capacity")
+        checks.positive(where, self, "viscosity_temperature", "expulsion_slip", "film_pressure")
+        checks.positive(where, self, "heat_capacity")
         checks.not_negative(
             where, self, "viscosity", "viscosity_slope", "oil_heat", "still_cooling"
         )
@@ -179,6 +184,7 @@ class WetClutchParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=Tru
             self.friction.static_fresh,
             self.friction.static_aged,
         ]
+        p[P_FILM] = p[P_PER_AREA] / self.film_pressure
         f = self.friction
         _fill_axis(p, P_SPEED, f.speed)
         _fill(p, P_FRESH, f.fresh)
@@ -232,16 +238,27 @@ def friction_coefficient(
 
 @kernel
 def drag_torque(
-    p: NDArray[np.float64], slip: float, piston: float, oil_temperature: float
+    p: NDArray[np.float64], slip: float, piston: float, force: float, oil_temperature: float
 ) -> float:
-    """Return the magnitude of the oil's shear torque at piston travel ``piston`` m, N m."""
+    """Return the magnitude of the oil's shear torque, N m.
+
+    At piston travel ``piston`` m, the plates pressed with ``force`` N (not negative).
+    """
     if slip == 0.0:
         return 0.0
     gap = max(p[P_KISS] - piston, 0.0) + p[P_LEAST_GAP]
-    thin = math.exp(-p[P_OIL_SLOPE] * (oil_temperature - p[P_OIL_REFERENCE]))
+    thin = math.exp(-p[P_OIL_SLOPE] * (oil_temperature - p[P_OIL_REFERENCE]) - p[P_FILM] * force)
     ratio = slip * p[P_EXPEL]
     torque: float = p[P_DRAG] * thin * abs(slip) / (gap * (1.0 + ratio * ratio))
     return torque
+
+
+@kernel
+def foreseen_slip(x: NDArray[np.float64], slip: float) -> float:
+    """Return the slip half way through the coming step, rad/s, from that now and the step before's."""
+    middle = slip + 0.5 * (slip - x[X_SLIP])
+    x[X_SLIP] = slip
+    return float(middle) if middle * slip > 0.0 else 0.0
 
 
 @kernel
@@ -275,7 +292,7 @@ def capacity_step(
     out[OUT_FRICTION] = kinetic
     out[OUT_KINETIC] = kinetic * load * p[P_TORQUE_RADIUS]
     out[OUT_STATIC] = p[P_STATIC] * factor * load * p[P_TORQUE_RADIUS]
-    out[OUT_DRAG] = drag_torque(p, slip, piston, oil_temperature)
+    out[OUT_DRAG] = drag_torque(p, slip, piston, load, oil_temperature)
 
 
 @kernel

@@ -19,6 +19,7 @@ from scipy.signal import butter, sosfiltfilt  # noqa: E402
 from hev_can_emu.plant import driveline, structure  # noqa: E402
 
 STEPS_NS = (100_000, 50_000, 25_000)
+LOCKS = ("close", "switch")  # manoeuvres in which C1 locks
 
 
 class Stored(NamedTuple):
@@ -82,10 +83,10 @@ def figures(run: Run, stored: Stored) -> Figures:
     return Figures(locks[0] - first, peak(half), rms(half), peak(shaft), rms(shaft), float(heat))
 
 
-def row(step_ns: int, found: Figures) -> str:
+def row(name: str, step_ns: int, found: Figures) -> str:
     """Return a row of the page's table."""
     shares = " | ".join(f"{value:.1e}" for value in found[1:])
-    return f"| {step_ns // 1000} us | {1e6 * found.lock:.1f} us | {shares} |"
+    return f"| {name}, {step_ns // 1000} us | {1e6 * found.lock:.1f} us | {shares} |"
 
 
 class ShiftFigures(NamedTuple):
@@ -127,9 +128,10 @@ def shift_row(step_ns: int, found: ShiftFigures) -> str:
 
 
 if __name__ == "__main__":
-    reference = load("close")
-    for step in STEPS_NS:
-        print(row(step, figures(product("close", step), reference)))
+    for manoeuvre in LOCKS:
+        reference = load(manoeuvre)
+        for step in STEPS_NS:
+            print(row(manoeuvre, step, figures(product(manoeuvre, step), reference)))
     reference = load("shift")
     for step in STEPS_NS:
         print(shift_row(step, shift_figures(product("shift", step), reference)))

@@ -16,9 +16,11 @@ from hev_can_emu.plant import (
     driveline,
     holding,
     hydraulics,
+    shifting,
     sleeve,
     structure,
     teeth,
+    thermal,
 )
 from hev_can_emu.plant import detailed_layout as lay
 from hev_can_emu.plant import powertrain as port
@@ -32,6 +34,7 @@ from hev_can_emu.runtime.bench import Bench
 from hev_can_emu.runtime.setup import Setup
 
 MILLISECOND = 1_000_000
+WINDINGS = (lay.X_THERMAL1 + thermal.X_WINDING, lay.X_THERMAL2 + thermal.X_WINDING)
 SPEEDS = (*structure.INERTIAS, "Jrear")
 TWISTS = (*(name for name, *_ in structure.BRANCHES), "rear")
 
@@ -81,6 +84,7 @@ class Product:
         oil[hydraulics.X_SUPPLY] = hydraulics.supply_volume(plant.hydraulics, z[SUPPLY])
         oil[hydraulics.X_CLUTCH] = z[CLUTCH] * plant.hydraulics[P_CLUTCH_COMPLIANCE]
         oil[hydraulics.X_PISTON], oil[hydraulics.X_SPOOL] = z[PISTON], z[SPOOL]
+        x[lay.X_SYNC + shifting.X_ANGLE] = y[places.GAP]
         # A battery at the engine's temperature would give nothing.
         x[lay.X_BATTERY + battery.X_TEMPERATURE] = 298.15
         self.u = np.full(len(port.COMMANDS), np.nan)
@@ -102,6 +106,9 @@ class Product:
         """Run one millisecond per row of ``commands``, as :data:`reference.switch.COMMANDS`."""
         rows, events = [self._observe()], []
         for tick, row in enumerate(commands):
+            # Oil and windings keep their temperature in the reference.
+            for place in (lay.X_COOLANT, *WINDINGS):
+                self.bench.x[place] = self.u[port.U_AMBIENT]
             (
                 self.u[port.U_CLUTCH_CURRENT], self.u[port.U_SHIFT_CURRENT1],
                 self.u[port.U_SHIFT_CURRENT2], self.u[port.U_PUMP], self.u[port.U_ENGINE_TORQUE],

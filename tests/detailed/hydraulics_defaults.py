@@ -78,6 +78,7 @@ WET_CLUTCH = WetClutchParameters(
     viscosity_temperature=353.15,
     viscosity_slope=0.025,
     expulsion_slip=150.0,
+    film_pressure=2e4,
     heat_capacity=1500.0,
     oil_heat=0.7 * 840.0 * 2100.0,
     still_cooling=5.0,

@@ -58,6 +58,20 @@ class Bench:
         return np.array(rows)
 
 
+def test_half_turns_count_from_their_own_instant():
+    def torque(h):
+        bench, total = Bench(speed=163.0, h=h), 0.0
+        bench.x[combustion.X_PHASE] = combustion.RUNNING
+        for _ in range(round(0.12 / h)):
+            total += bench.step(60.0, free=False)[engine.OUT_COMBUSTION] * h
+        return total
+
+    fine = torque(1e-6)
+    errors = [abs(torque(h) / fine - 1.0) for h in (4e-4, 2e-4, 1e-4, 5e-5)]
+    assert max(errors) < 5e-4
+    assert errors[-1] < 2e-5
+
+
 def test_map_and_its_inverse():
     p = ENGINE.pack()
     assert maps.load_torque(p, ENGINE.speed[3], 1.0) == pytest.approx(163.0)

@@ -67,6 +67,37 @@ class Circuit:
         return abs(work - stored - lost) / self.moved
 
 
+def test_a_moving_clutch_piston_is_stepped_in_parts():
+    whole, parts = Circuit(), Circuit(dt=5e-5 / h.PARTS)
+    fine = H.pack(5e-5 / h.PARTS)
+    start, told = h.stored_energy(whole.p, whole.x), np.zeros(h.N_OUT)
+    counts = set()
+    for step in range(3000):
+        clutch, place = (FULL if step < 400 else 0.0), 1e-6 * step
+        parts.x[:], before = whole.x, whole.x[h.X_SLEEVE]
+        count = h.hydraulics_in_parts(
+            whole.p, fine, whole.x, clutch, 0.0, CENTRE, 1.0, place, whole.out
+        )
+        counts.add(count)
+        told += whole.out
+        if count == 1:
+            continue
+        parts.total[:] = 0.0
+        for part in range(1, count + 1):
+            way = (place - before) * part / count
+            parts.step(clutch, 0.0, CENTRE, 1.0, before + way)
+        assert whole.x == pytest.approx(parts.x, rel=1e-12, abs=1e-18)
+        books = slice(h.OUT_PUMP_WORK, None)
+        assert whole.out[books] == pytest.approx(parts.total[books], rel=1e-6, abs=1e-15)
+        assert whole.out[h.OUT_SHIFT_STIFFNESS] < parts.out[h.OUT_SHIFT_STIFFNESS]
+    assert counts == {1, h.PARTS}
+    assert abs(whole.x[h.X_SPEED]) < h.STILL
+    lost = told[h.OUT_PUMP_LOSS : h.OUT_SLEEVE_WORK].sum()
+    work = told[h.OUT_PUMP_WORK] - told[h.OUT_SLEEVE_WORK]
+    stored = h.stored_energy(whole.p, whole.x) - start
+    assert work == pytest.approx(stored + lost, rel=1e-9)
+
+
 def busy(circuit, shift=4e-3):
     """Fill, press, shift to both sides, release, with the pump on and off."""
     dt = circuit.dt

@@ -54,6 +54,12 @@ def test_friction_depends_on_pressure_and_temperature_by_their_factors():
     assert w.friction_coefficient(p, 0.0, 0.0, 1.0) == pytest.approx(0.112 * 1.04 * 1.12)
 
 
+def test_slip_is_foreseen_to_the_middle_of_the_step_but_not_past_zero():
+    x = np.zeros(w.N_STATE)
+    found = [w.foreseen_slip(x, slip) for slip in (10.0, 8.0, 6.0, 1.0, -1.0, 0.0)]
+    assert found == [15.0, 7.0, 5.0, 0.0, -2.0, 0.0]
+
+
 @pytest.mark.parametrize("wear", [0.0, 0.3, 1.0])
 def test_stick_holds_at_least_what_slip_carries_at_rest(wear):
     out = capacity(C.pack(wear=wear), 3000.0, 0.0)
@@ -76,18 +82,31 @@ def test_drag_is_that_of_the_sheared_film_and_falls_when_the_oil_is_thrown_out()
     p = C.pack()
     gap = (C.kiss_travel + 8.0 * C.least_gap) / 8.0
     annulus = math.pi / 2.0 * (0.09**4 - 0.07**4) * 0.6
-    slow = w.drag_torque(p, -5.0, 0.0, OIL)
+    slow = w.drag_torque(p, -5.0, 0.0, 0.0, OIL)
     assert slow == pytest.approx(8.0 * 7e-3 * annulus * 5.0 / gap / (1.0 + (5.0 / 150.0) ** 2))
     slips = np.linspace(0.0, 600.0, 121)
-    torques = [w.drag_torque(p, slip, 0.0, OIL) for slip in slips]
+    torques = [w.drag_torque(p, slip, 0.0, 0.0, OIL) for slip in slips]
     assert slips[int(np.argmax(torques))] == C.expulsion_slip
     assert 0.3 < max(torques) < 3.0
-    # Cold oil is thicker, a smaller gap shears more, to a bound at the kiss point and beyond.
-    assert w.drag_torque(p, 5.0, 0.0, OIL - 40.0) == pytest.approx(slow * math.e)
-    assert w.drag_torque(p, 5.0, 1e-3, OIL) > slow
-    kissing = w.drag_torque(p, 5.0, C.kiss_travel, OIL)
-    assert w.drag_torque(p, 5.0, 2e-3, OIL) == kissing
+    # Cold oil is thicker, a smaller gap shears more, to a bound at the kiss point.
+    assert w.drag_torque(p, 5.0, 0.0, 0.0, OIL - 40.0) == pytest.approx(slow * math.e)
+    assert w.drag_torque(p, 5.0, 1e-3, 0.0, OIL) > slow
+    kissing = w.drag_torque(p, 5.0, C.kiss_travel, 0.0, OIL)
     assert kissing == pytest.approx(slow * gap / C.least_gap)
+
+
+def test_pressed_plates_squeeze_the_film_out_and_carry_what_is_asked_cold_as_well():
+    p = C.pack()
+    area = math.pi * (0.09**2 - 0.07**2) * 0.6
+    cold = OIL - 60.0
+    kissing = w.drag_torque(p, 100.0, C.kiss_travel, 0.0, cold)
+    assert kissing > 10.0
+    pressed = w.drag_torque(p, 100.0, 2e-3, 2.0 * C.film_pressure * area, cold)
+    assert pressed == pytest.approx(kissing * math.exp(-2.0))
+    out = np.zeros(w.N_OUT)
+    w.capacity_step(p, np.array([cold]), 700.0, 2e-3, 100.0, cold, out)
+    assert out[w.OUT_KINETIC] > 50.0
+    assert out[w.OUT_DRAG] < 0.005 * out[w.OUT_KINETIC]
 
 
 @pytest.mark.parametrize("flow", [0.0, 2e-4])

@@ -1,7 +1,7 @@
 """The whole car on its way from series to parallel: state, right-hand side, modes and crossings.
 
 Left out, because the switch does not need it: brakes, standstill, idle governor, battery and DC link (the
-voltage stays far from its limit), gear 2, dogs.
+voltage stays far from its limit), gear 2, chamfers of the dogs (they must find a gap).
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from reference.combustion import Combustion
+from reference.dogs import Dogs
 from reference.hybrid import Crossing
 from reference.machine import Machine
 from reference.mechanics import AT, NB, Chain, N, Pistons
@@ -25,8 +26,8 @@ ANGLE = N + NB
 CHARGE, PLATES = ANGLE + 1, ANGLE + 2
 OIL = ANGLE + 3
 EM1, EM2 = OIL + N_STATE, OIL + N_STATE + 2
-X, V, RING = EM2 + 2, EM2 + 3, EM2 + 4
-HEAT = RING + 1
+X, V, RING, GAP = EM2 + 2, EM2 + 3, EM2 + 4, EM2 + 5
+HEAT = GAP + 1
 SIZE = HEAT + 1
 
 
@@ -41,6 +42,7 @@ class Car:
         self.circuit = Circuit(finer.hydraulics)
         self.plates = Plates(finer.clutch, finer.transmission.clutch_wear)
         self.sleeve = Sleeve(finer.sleeve)
+        self.dogs = Dogs(finer.sleeve)
         self.em1 = Machine(finer.em1, temperature)
         self.em2 = Machine(finer.em2, temperature)
         self.temperature = temperature
@@ -57,7 +59,7 @@ class Car:
         self.c1_held, self.c1_sign = True, 1.0
         self.g1_held = False
         self.g1_sign = 1.0
-        self.stopped = "friction"  # or "ring", "": it moves
+        self.stopped = "friction"  # or "ring", "end", "": it moves
         self.moving = 1.0
         self.resting = [True, True, True, False]  # spools and clutch piston at their stops
         self.half = 1.0
@@ -84,13 +86,13 @@ class Car:
 
     def capacity(self, y: np.ndarray) -> float:
         """Return what C1 carries while it slides, oil film included."""
-        slip = self.slip(y)
-        kinetic = self.plates.kinetic(slip, self.pack_force(y), y[PLATES])
-        return kinetic + self.plates.drag(slip, y[OIL + PISTON], self.temperature)
+        slip, force = self.slip(y), self.pack_force(y)
+        kinetic = self.plates.kinetic(slip, force, y[PLATES])
+        return kinetic + self.plates.drag(slip, y[OIL + PISTON], force, self.temperature)
 
     def cone(self, y: np.ndarray) -> float:
         """Return the capacity of G1's cone."""
-        if y[X] <= 0.0:
+        if y[X] <= 0.0 or self.dogs.inside:
             return 0.0
         push = self.circuit.shift_force(y[OIL : OIL + N_STATE])
         return self.sleeve.cone * self.sleeve.ring_force(y[X], push, y[RING])
@@ -129,7 +131,12 @@ class Car:
         """Return the force on the sleeve without dry friction, and that friction's size."""
         push = self.circuit.shift_force(y[OIL : OIL + N_STATE])
         net = push - self.sleeve.back(y[X])
-        return net, self.sleeve.dry(y[X], push, self.moving > 0.0)
+        flanks = self.dogs.grip * abs(self.gear_torque(y)) if self.dogs.side else 0.0
+        return net, self.sleeve.dry(y[X], push, self.moving > 0.0, flanks)
+
+    def gear_torque(self, y: np.ndarray) -> float:
+        """Return what holds the sleeve to G1, N m, while it is held."""
+        return self.motion(y)[1]["G1"]
 
     def rates(self, _t: float, y: np.ndarray) -> np.ndarray:
         """Return dy/dt in the present modes."""
@@ -139,6 +146,7 @@ class Car:
         out[:N] = accelerations
         out[N:ANGLE] = self.chain.reach @ speeds
         out[ANGLE] = y[0]
+        out[GAP] = self.gear_slip(y)
         out[CHARGE] = self.combustion.charge_rate(y[CHARGE], self.engine_request, y[0])
         if not self.c1_held:
             out[HEAT] = self.capacity(y) * abs(self.slip(y))
@@ -203,6 +211,8 @@ class Car:
         return abs(carried["C1"]) - self.plates.holding(self.pack_force(y), y[PLATES])
 
     def _gear_crossings(self) -> list[Crossing]:
+        if self.dogs.inside:
+            return self.dogs.crossings(GAP, self.gear_slip, self.gear_torque)
         if not self.g1_held:
             return [Crossing("cone slip", lambda t, y: -self.g1_sign * self.gear_slip(y))]
         return [Crossing("cone lets go", lambda t, y: abs(self.motion(y)[1]["G1"]) - self.cone(y))]
@@ -215,6 +225,12 @@ class Car:
         found = [Crossing("sleeve stops", lambda t, y: -self.moving * y[V])]
         if self.moving > 0.0:
             found.append(Crossing("sleeve at ring", lambda t, y: self._at_ring(y)))
+            name, mark = "sleeve at tips", self.dogs.tips
+            if self.dogs.inside:
+                name, mark = "sleeve at end", self.sleeve.p.end_position
+            elif self.dogs.near:
+                name, mark = "sleeve at dogs", self.sleeve.p.dog_position
+            found.append(Crossing(name, lambda t, y: y[X] - mark))
         return found
 
     def _at_ring(self, y: np.ndarray) -> float:
@@ -224,7 +240,7 @@ class Car:
     def _urge(self, _t: float, y: np.ndarray) -> float:
         """Return by how much the force on a resting sleeve exceeds its friction."""
         net, dry = self.sleeve_net(y)
-        return abs(net) - dry
+        return (-net if self.stopped == "end" else abs(net)) - dry
 
     # -- what changes then
 
@@ -251,6 +267,8 @@ class Car:
             self._change_c1(name, y)
         elif name.startswith("cone"):
             self._change_gear(name, y)
+        elif name.startswith("dogs"):
+            self._change_dogs(name, y)
         else:
             self._change_sleeve(name, y)
         return y
@@ -273,10 +291,31 @@ class Car:
             if self.stopped == "ring":
                 y[RING] = 0.0
 
+    def _change_dogs(self, name: str, y: np.ndarray) -> None:
+        if name == "dogs part":
+            self.dogs.side, self.g1_held = 0, False
+            return
+        both = [AT["Jsleeve"], AT["Jg11"]]
+        first, second = self.chain.inertia[both]
+        ahead = name.endswith("ahead")
+        y[both] = self.dogs.meet(ahead, first, second, (y[both[0]], y[both[1]]))
+        y[GAP] = self.dogs.half if ahead else -self.dogs.half
+        self.g1_held = True
+
     def _change_sleeve(self, name: str, y: np.ndarray) -> None:
         if name == "sleeve at ring":
             self.stopped, y[V] = "ring", 0.0
             y[X] = self.sleeve.p.blocking_position
+            return
+        if name in ("sleeve at tips", "sleeve at dogs"):
+            y[GAP] = self.dogs.place(y[GAP], self.gear_slip(y))
+            self.dogs.near = True
+            if name == "sleeve at dogs":
+                self.dogs.inside, self.g1_held = True, False
+            return
+        if name == "sleeve at end":
+            self.stopped, y[V] = "end", 0.0
+            y[X] = self.sleeve.p.end_position
             return
         y[V] = 0.0
         if name == "ring turned":

@@ -19,7 +19,7 @@ TESTS = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(TESTS))
 
 from reference import switch  # noqa: E402
-from reference.car import Car  # noqa: E402
+from reference.car import GAP, Car  # noqa: E402
 from reference.parameters import read  # noqa: E402
 
 VEHICLE = TESTS.parent / "vehicles" / "dai2024.yaml"
@@ -39,7 +39,7 @@ def prepare(name: str) -> tuple[Car, np.ndarray, np.ndarray, switch.Start]:
     car = Car(read(VEHICLE), start.temperature)
     return (
         car,
-        switch.initial(car, start),
+        switch.initial(car, start, switch.MANOEUVRES[name]),
         switch.commands(car, start, switch.MANOEUVRES[name]),
         start,
     )
@@ -51,10 +51,11 @@ def digest(name: str) -> str:
     used: dict[str, Any] = {key: file.detailed[key] for key in USED}
     used["driveline"] = {k: v for k, v in file.driveline.items() if k != "reduced_ratios"}
     used["road"] = file.machines.road
-    _, _, given, start = prepare(name)
+    _, y, given, start = prepare(name)
     found = hashlib.sha256(json.dumps(used, sort_keys=True).encode())
     found.update(repr(start).encode())
     found.update(np.round(given, 9).tobytes())
+    found.update(np.round(y[GAP], 9).tobytes())
     return found.hexdigest()
 
 

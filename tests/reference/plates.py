@@ -35,14 +35,15 @@ class Plates:
         lever = self.p.surfaces * self.radius
         return float(self.static * self._factor(force, temperature) * force * lever)
 
-    def drag(self, slip: float, piston: float, oil_temperature: float) -> float:
-        """Return the shear torque of the oil film, N m."""
+    def drag(self, slip: float, piston: float, force: float, oil_temperature: float) -> float:
+        """Return the shear torque of the oil film, N m, as far as ``force`` leaves one."""
         p = self.p
         thin = math.exp(-p.viscosity_slope * (oil_temperature - p.viscosity_temperature))
         gap = max(p.kiss_travel - piston, 0.0) / p.surfaces + p.least_gap
         moment = math.pi / 2.0 * (p.outer_radius**4 - p.inner_radius**4) * (1.0 - p.groove_share)
         shear = p.viscosity * thin * p.surfaces * moment * abs(slip) / gap
-        return float(shear / (1.0 + (slip / p.expulsion_slip) ** 2))
+        film = math.exp(-force / self.area / p.film_pressure)
+        return float(film * shear / (1.0 + (slip / p.expulsion_slip) ** 2))
 
     def cooling(self, flow: float) -> float:
         """Return the heat flow per kelvin above the oil, W/K."""

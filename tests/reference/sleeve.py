@@ -1,4 +1,4 @@
-"""The sleeve on its way to G1, up to the dogs: notch, struts, ring; what the cone carries."""
+"""The sleeve on its way to G1: notches, struts, ring, what the cone carries; dogs that find a gap."""
 
 from __future__ import annotations
 
@@ -27,15 +27,16 @@ class Sleeve:
         return _notch(p.strut_force, p.strut_position, p.blocking_position - p.strut_position, s)
 
     def back(self, s: float) -> float:
-        """Return the force of notch and struts back towards the centre, N."""
+        """Return the force of notches and struts back towards the centre, N."""
         p = self.p
-        return _notch(p.neutral_force, 0.0, p.neutral_width, s) + self.struts(s)
+        on = _notch(p.engaged_force, p.end_position - p.engaged_width, p.engaged_width, s)
+        return _notch(p.neutral_force, 0.0, p.neutral_width, s) + self.struts(s) - on
 
-    def dry(self, s: float, push: float, outward: bool) -> float:
-        """Return the dry friction ahead of the dogs, N."""
+    def dry(self, s: float, push: float, outward: bool, flanks: float) -> float:
+        """Return the dry friction, N; the dogs' flanks add ``flanks``."""
         p = self.p
-        size = p.guide_friction
-        if s >= p.blocking_position and outward and push > 0.0:
+        size = p.guide_friction + flanks
+        if p.blocking_position <= s < p.dog_position and outward and push > 0.0:
             size += p.flight_share * push
         return float(size)
 

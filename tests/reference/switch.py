@@ -1,7 +1,8 @@
-"""Parts of a switch from series to parallel in first gear, by valve currents and torque requests alone.
+"""A switch from series to parallel in first gear, and parts of it, by valve currents and torque requests.
 
-In both C1 opens and EM1 brings the input shaft near G1's speed.  Then C1 closes and locks, or the sleeve
-synchronises G1 and turns the ring out of its way.  Every command holds for whole milliseconds, so that any
+In all of them C1 opens and EM1 brings the input shaft near G1's speed.  Then C1 closes and locks, or the
+sleeve synchronises G1 and turns the ring out of its way; in the whole switch its dogs then go in, and C1
+closes on them.  Every command holds for whole milliseconds, so that any
 simulation can be given the very same ones.
 """
 
@@ -11,7 +12,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from reference.car import ANGLE, CHARGE, EM1, EM2, OIL, PLATES, SIZE, Car, V
+from reference.car import ANGLE, CHARGE, EM1, EM2, GAP, OIL, PLATES, SIZE, Car, V
 from reference.hybrid import Stretch
 from reference.mechanics import AT, N
 from reference.oil import CLUTCH, PISTON, PUMP, SPOOL, SUPPLY
@@ -27,18 +28,45 @@ SIGNALS = (
     "sleeve_position", "em1_torque", "em2_torque", "clutch_heat", "plate_temperature",
 )  # fmt: skip
 # What is tested by level at the start of a stretch, not only by crossing.
-_LEVELS = ("leaves", "releases", "lets go")
+_LEVELS = ("leaves", "releases", "lets go", "part")
 
 
 class Manoeuvre(NamedTuple):
-    """What is asked: length s, start of the shift s, torque of EM2 N m."""
+    """What is asked for; times in s, torques in N m.
+
+    Attributes:
+        end: length.
+        shift, close: when the sleeve is pushed to G1, when C1 begins to fill.
+        em2: torque of EM2.
+        drive, rise: when it begins, and how long it rises.
+        fill: how long C1's valve stands wide open.
+        top: pressure held for at the end of C1's rise of 0.28 s, Pa.
+        press: EM1's torque on the dogs once they are in.
+        engine: the engine's, rising while C1 closes.
+        gap: angle of the sleeve against G1 at the start, rad.
+    """
 
     end: float
     shift: float
+    close: float
     em2: float
+    drive: float = 0.0
+    rise: float = 0.0
+    fill: float = 0.028
+    top: float = 6.5e5
+    press: float = 0.0
+    engine: float = 0.0
+    gap: float = 0.0
 
 
-MANOEUVRES = {"close": Manoeuvre(0.75, np.inf, 60.0), "shift": Manoeuvre(0.26, 0.2, 0.0)}
+# In the whole switch the dogs find a gap as they are; their touch is kept, and C1 closes on it.
+MANOEUVRES = {
+    "close": Manoeuvre(0.75, np.inf, 0.47, 60.0),
+    "shift": Manoeuvre(0.26, 0.2, np.inf, 0.0),
+    "switch": Manoeuvre(
+        0.62, 0.2, 0.32, 30.0, drive=0.31, rise=0.15, fill=0.027, top=2e6, press=8.0, engine=20.0
+    ),
+}
 
 
 class Start(NamedTuple):
@@ -87,19 +115,23 @@ def commands(car: Car, start: Start, asked: Manoeuvre) -> np.ndarray:
     def hold(valve: int, pressure: float) -> float:
         return holding_current(car, valve, pressure, start.supply_pressure)
 
+    since = t + 1e-9 - asked.close
     out[:, 0] = np.select(
-        [t < 0.02, t < 0.47, t < 0.498, t < 0.52],
+        [t < 0.02, since < 0.0, since < asked.fill, since < 0.05],
         [hold(0, start.clutch_pressure), 0.0, clutch, hold(0, 1.9e5)],
-        np.interp(t, [0.52, 0.8], [hold(0, 1.9e5), hold(0, 6.5e5)]),
+        np.interp(since, [0.05, 0.33], [hold(0, 1.9e5), hold(0, asked.top)]),
     )
     out[:, 1] = np.where(t >= asked.shift, hold(1, 11e5), 0.0)
     out[:, 4] = np.interp(t, [0.0, 0.02, 0.05, 0.8, 0.9], [12.0, 12.0, 0.0, 0.0, 30.0])
+    out[:, 4] += np.interp(since, [0.02, 0.1], [0.0, asked.engine])
     out[:, 5] = np.interp(t, [0.06, 0.08, 0.155, 0.175], [-9.0, -14.0, -14.0, 0.0])
-    out[:, 6] = asked.em2
+    out[:, 5] += np.interp(t, [0.285, 0.305], [0.0, asked.press])
+    rising = (t - asked.drive) / asked.rise if asked.rise else np.ones(count)
+    out[:, 6] = np.where(t >= asked.drive, asked.em2 * np.minimum(rising, 1.0), 0.0)
     return out
 
 
-def initial(car: Car, start: Start) -> np.ndarray:
+def initial(car: Car, start: Start, asked: Manoeuvre) -> np.ndarray:
     """Return the state at the start and set the modes that belong to it."""
     y = np.zeros(SIZE)
     d = car.chain.reach
@@ -133,6 +165,7 @@ def initial(car: Car, start: Start) -> np.ndarray:
     current = holding_current(car, 0, start.clutch_pressure, start.supply_pressure)
     oil[SPOOL] = car.circuit.spool_target(0, current)
     oil[SPOOL + 2] = oil[SPOOL + 4] = -1.0
+    y[GAP] = asked.gap
     car.resting = [False, True, True, False]
     car.combustion.burning = car.combustion.caught = start.charge
     return y
@@ -223,5 +256,5 @@ def tolerances() -> np.ndarray:
     out[OIL + PISTON], out[OIL + PUMP] = 1e-13, 1e-8
     out[OIL + SPOOL : OIL + SPOOL + 6] = [1e-10, 1e-8] * 3
     out[EM1 : EM2 + 2] = 1e-8
-    out[EM2 + 2 :] = [1e-13, 1e-10, 1e-10, 1e-7]
+    out[EM2 + 2 :] = [1e-13, 1e-10, 1e-10, 1e-11, 1e-7]
     return out

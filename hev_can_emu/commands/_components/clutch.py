@@ -97,7 +97,7 @@ def show(car: Car) -> Card:
     drags = []
     for piston in (0.0, 0.8, 0.98):
         travel = piston * plates.kiss_travel
-        values = [wet_clutch.drag_torque(fresh, w, travel, 353.15) for w in slip]
+        values = [wet_clutch.drag_torque(fresh, w, travel, 0.0, 353.15) for w in slip]
         drags.append(Curve(f"piston at {100 * piston:.0f} %", slip, np.array(values)))
     drag = Panel(
         "Drag of the open clutch, piston at a share of its way to the plates",
