@@ -22,6 +22,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from hev_can_emu.errors import InputError
 from hev_can_emu.jit import kernel
 from hev_can_emu.plant import checks
 from hev_can_emu.plant.road import GRAVITY
@@ -58,7 +59,9 @@ class TyreSlipParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     def validate(self, where: str) -> None:
         """Raise :class:`hev_can_emu.errors.InputError` naming the first value that makes no sense."""
         checks.positive(where, self, "slip_stiffness", "friction")
-        checks.fraction(where, self, "front_load")
+        checks.finite(where, self, "front_load")
+        if not 0.0 < self.front_load < 1.0:  # an axle without load has no slip law
+            raise InputError(f"{where}.front_load", "between 0 and 1", f"{self.front_load:g}")
 
     def pack(
         self,

@@ -220,3 +220,6 @@ def test_without_parameters_no_tyre_slips(repository):
 def test_a_bad_tyre_is_named():
     with pytest.raises(InputError, match=r"tyre\.friction: expected a number greater than 0"):
         replace(SLIP, friction=0.0).validate("tyre")
+    for share in (0.0, 1.0):
+        with pytest.raises(InputError, match=r"tyre\.front_load: expected between 0 and 1"):
+            replace(SLIP, front_load=share).validate("tyre")
