@@ -55,8 +55,11 @@ def dispatcher(function: Callable[..., Any], folder: Path, options: Mapping[str,
         setattr(numba_config, name, value)
     try:
         njit: Any = numba.njit
+        # Said of each kernel, since else it would pass from a kernel to those that it calls.
         chosen = {key: value for key, value in options.items() if UNCOUNTED or key != "_nrt"}
-        return njit(cache=True, error_model="numpy", **{**UNCOUNTED, **chosen})(function)
+        return njit(
+            cache=True, error_model="numpy", **{"forceinline": False, **UNCOUNTED, **chosen}
+        )(function)
     finally:
         for name, value in previous.items():
             setattr(numba_config, name, value)

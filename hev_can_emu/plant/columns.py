@@ -9,12 +9,10 @@ compiled.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import numpy.typing as npt
 
-from hev_can_emu.jit import BOUNDS_CHECKED, JIT_DISABLED, before_compiling, counting_kernel, kernel
+from hev_can_emu.jit import BOUNDS_CHECKED, JIT_DISABLED, before_compiling, counting_kernel
 
 Array = npt.NDArray[np.float64]
 
@@ -34,15 +32,19 @@ def filled_up(count: int, to: int = WIDTH) -> int:
     return -(-count // to) * to
 
 
-def _plain(matrix: Array, start: int, count: int, x: Array, nz: int, out: Array) -> None:
-    """As :func:`columns_times`, in plain loops."""
-    _plain_sums(matrix.ravel(), start, count, x, nz, out, count)
+def columns_times(matrix: Array, start: int, count: int, x: Array, nz: int, out: Array) -> None:
+    """``out = M x``.
 
-
-def _plain_sums(
-    flat: Array, start: int, count: int, x: Array, nz: int, out: Array, width: int
-) -> None:
-    for i in range(width):
+    Args:
+        matrix: of any shape, contiguous; M is stored by columns from its ``start``-th value on.
+        start: see above.
+        count: values of a column, a multiple of four.
+        x: at least ``nz`` values.
+        nz: number of columns.
+        out: at least ``count`` values.
+    """
+    flat = matrix.ravel()
+    for i in range(count):
         total = 0.0
         at = start + i
         j = 0
@@ -59,53 +61,11 @@ def _plain_sums(
         out[i] = total
 
 
-def _uncompiled(width: int) -> Callable[..., None]:
-    def sums(matrix: Array, start: int, count: int, x: Array, nz: int, out: Array) -> None:
-        _plain_sums(matrix.ravel(), start, count, x, nz, out, width)
-
-    return sums
-
-
-# Widths of results; their place is taken by vectors as soon as anything is compiled.
-_sums_32, _sums_16, _sums_8, _sums_4 = (_uncompiled(width) for width in (32, 16, 8, 4))
-
-
-def _make_sums() -> None:
-    global _sums_32, _sums_16, _sums_8, _sums_4
-    from hev_can_emu.plant.vector_sums import vector_sums
-
-    _sums_32, _sums_16, _sums_8 = (vector_sums(WIDTH, vectors) for vectors in (4, 2, 1))
-    _sums_4 = vector_sums(4, 1)
-
-
-@kernel
-def columns_times(matrix: Array, start: int, count: int, x: Array, nz: int, out: Array) -> None:
-    """``out = M x``.
-
-    Args:
-        matrix: of any shape, contiguous; M is stored by columns from its ``start``-th value on.
-        start: see above.
-        count: values of a column, a multiple of four.
-        x: at least ``nz`` values.
-        nz: number of columns.
-        out: at least ``count`` values.
-    """
-    i = 0
-    while i + 32 <= count:
-        _sums_32(matrix, start + i, count, x, nz, out[i:])
-        i += 32
-    if i + 16 <= count:
-        _sums_16(matrix, start + i, count, x, nz, out[i:])
-        i += 16
-    if i + 8 <= count:
-        _sums_8(matrix, start + i, count, x, nz, out[i:])
-        i += 8
-    if i + 4 <= count:
-        _sums_4(matrix, start + i, count, x, nz, out[i:])
+def _compile_vectors() -> None:
+    import hev_can_emu.plant.vector_sums  # noqa: F401
 
 
 if BOUNDS_CHECKED:
-    _plain_sums = kernel(_plain_sums)
-    columns_times = counting_kernel(_plain)
+    columns_times = counting_kernel(columns_times)
 elif not JIT_DISABLED:
-    before_compiling(_make_sums)
+    before_compiling(_compile_vectors)

@@ -12,7 +12,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from hev_can_emu.jit import kernel
+from hev_can_emu.jit import kernel, small_kernel
 from hev_can_emu.plant import (
     battery,
     brakes,
@@ -63,7 +63,7 @@ Integers = npt.NDArray[np.int64]
 Events = npt.NDArray[np.void]
 
 
-@kernel
+@small_kernel
 def _before_the_steps(plant: DetailedPlant, x: Array, u: Array, y: Array, work: Array) -> None:
     """What control units and actuators decide for this tick, into the held values."""
     hold = work[lay.W_HOLD :]
@@ -139,7 +139,7 @@ def _before_the_steps(plant: DetailedPlant, x: Array, u: Array, y: Array, work: 
     hold[lay.H_GRADE] = u[port.U_GRADE] if not math.isnan(u[port.U_GRADE]) else 0.0
 
 
-@kernel
+@small_kernel
 def _steps(
     plant: DetailedPlant,
     x: Array,
@@ -266,7 +266,7 @@ def _steps(
     return n_events
 
 
-@kernel
+@small_kernel
 def _after_the_steps(
     plant: DetailedPlant, x: Array, n: Integers, u: Array, y: Array, work: Array, t_ns: int
 ) -> None:
@@ -381,7 +381,7 @@ def _after_the_steps(
     y[port.Y_SHIFT_FORCE] = oil[hydraulics.OUT_SHIFT_FORCE]
 
 
-@kernel
+@small_kernel
 def observe(
     plant: DetailedPlant, x: Array, n: Integers, forces: Array, y: Array, seen: Array
 ) -> None:

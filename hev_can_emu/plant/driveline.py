@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from hev_can_emu.jit import inlined_kernel, kernel
+from hev_can_emu.jit import inlined_kernel, kernel, small_kernel
 from hev_can_emu.plant import teeth
 from hev_can_emu.plant.bank import Bank
 from hev_can_emu.plant.contact import any_dogs_meet, any_mesh_changes, let_dogs_in, settle_teeth
@@ -115,7 +115,7 @@ def _book(u: Array, nx: int, locks: int, pistons: float, after: Array, books: Ar
     books[teeth.CRANK_WORK] += pistons * turned
 
 
-@kernel
+@small_kernel
 def _join(x: Array, u: Array, nx: int, z: Array) -> None:
     """``z = [x; u]``, filled up with zeros."""
     for i in range(nx):
@@ -335,7 +335,7 @@ def friction_torque(bank: Bank, x: Array, state: Integers, u: Array, lock: int) 
     return lock_torque(bank.held_torque, x, state, u, lock)
 
 
-@kernel
+@small_kernel
 def look(bank: Bank, x: Array, state: Integers, u: Array, seen: Array) -> None:
     """Write what can be read off the driveline now.
 

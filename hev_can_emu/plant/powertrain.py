@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from hev_can_emu.jit import inlined_kernel, kernel
+from hev_can_emu.jit import inlined_kernel, kernel, small_kernel
 from hev_can_emu.plant import (
     battery,
     brakes,
@@ -486,7 +486,7 @@ def _gear_lock(lock: int, cone: float, dog: float, kinetic: Array, static: Array
         static[lock] = np.inf
 
 
-@kernel
+@small_kernel
 def observe(plant: Plant, x: Array, n: Integers, forces: Array, y: Array, seen: Array) -> None:
     """Write into ``y`` what follows from the state: speeds, slips, held torques, temperatures.
 

@@ -1,4 +1,8 @@
-"""Sums over columns in explicit vectors, as LLVM's instructions; imported when kernels are compiled."""
+"""What kernels run for :mod:`.columns`: explicit vectors, as LLVM's instructions.
+
+Imported when kernels are compiled.  Sums are called with addresses: an array is handed over as
+seven words or more, and each of them costs as much as some of the sums.
+"""
 
 from __future__ import annotations
 
@@ -6,24 +10,23 @@ from typing import Any
 
 from llvmlite import ir
 from numba.core import types
-from numba.extending import intrinsic
+from numba.extending import intrinsic, overload
+
+from hev_can_emu.jit import kernel
+from hev_can_emu.plant.columns import WIDTH, columns_times
 
 
 def vector_sums(width: int, vectors: int) -> Any:
     """Return an intrinsic that sums ``vectors`` neighbouring vectors of ``width`` results."""
 
-    def sums(
-        typing_context: Any, matrix: Any, start: Any, count: Any, x: Any, nz: Any, out: Any
-    ) -> Any:
-        """Write ``out[:width*vectors]``; ``start`` is the place of the first value in ``matrix``."""
+    def sums(typing_context: Any, matrix: Any, count: Any, x: Any, nz: Any, out: Any) -> Any:
+        """Write ``width*vectors`` values; ``matrix``, ``x`` and ``out`` are addresses."""
 
         def emit(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            matrix_type, _, _, x_type, _, out_type = signature.args
-            data = context.make_array(matrix_type)(context, builder, arguments[0]).data
-            values = context.make_array(x_type)(context, builder, arguments[3]).data
-            result = context.make_array(out_type)(context, builder, arguments[5]).data
-            start, count, nz = arguments[1], arguments[2], arguments[4]
-            integer = start.type
+            pointer = ir.DoubleType().as_pointer()
+            data, values, result = (builder.inttoptr(arguments[i], pointer) for i in (0, 2, 4))
+            count, nz = arguments[1], arguments[3]
+            integer = count.type
             vector = ir.VectorType(ir.DoubleType(), width)
 
             def constant(value: int) -> Any:
@@ -44,9 +47,7 @@ def vector_sums(width: int, vectors: int) -> Any:
                 """Return what ``step`` columns from ``j`` on add to each vector."""
                 factors = [splat(builder.add(j, constant(k))) for k in range(step)]
                 columns = [
-                    builder.gep(data, [
-                        builder.add(start, builder.mul(builder.add(j, constant(k)), count))
-                    ])
+                    builder.gep(data, [builder.mul(builder.add(j, constant(k)), count)])
                     for k in range(step)
                 ]  # fmt: skip
                 added = []
@@ -94,6 +95,47 @@ def vector_sums(width: int, vectors: int) -> Any:
                 builder.store(total, vector_at(result, v * width), align=8)
             return context.get_dummy_value()
 
-        return types.void(matrix, types.intp, types.intp, x, types.intp, out), emit
+        return types.void(*[types.intp] * 5), emit
 
     return intrinsic(sums)
+
+
+_sums_32, _sums_16, _sums_8 = (vector_sums(WIDTH, vectors) for vectors in (4, 2, 1))
+_sums_4 = vector_sums(4, 1)
+
+
+def _place(typing_context: Any, array: Any) -> Any:
+    """Return where an array's first value is."""
+
+    def emit(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        return builder.ptrtoint(data, context.get_value_type(types.intp))
+
+    return types.intp(array), emit
+
+
+_address: Any = intrinsic(_place)
+
+
+@kernel
+def _sums(matrix: int, count: int, x: int, nz: int, out: int) -> None:
+    i = 0
+    while i + 32 <= count:
+        _sums_32(matrix + 8 * i, count, x, nz, out + 8 * i)
+        i += 32
+    if i + 16 <= count:
+        _sums_16(matrix + 8 * i, count, x, nz, out + 8 * i)
+        i += 16
+    if i + 8 <= count:
+        _sums_8(matrix + 8 * i, count, x, nz, out + 8 * i)
+        i += 8
+    if i + 4 <= count:
+        _sums_4(matrix + 8 * i, count, x, nz, out + 8 * i)
+
+
+@overload(columns_times, inline="always")
+def _columns_times(matrix: Any, start: Any, count: Any, x: Any, nz: Any, out: Any) -> Any:
+    def times(matrix: Any, start: Any, count: Any, x: Any, nz: Any, out: Any) -> None:
+        _sums(_address(matrix) + 8 * start, count, _address(x), nz, _address(out))
+
+    return times

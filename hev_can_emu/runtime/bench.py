@@ -12,11 +12,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba.core import types
-from numba.experimental import structref
 
 from hev_can_emu.ecu import transmission_unit
-from hev_can_emu.jit import JIT_DISABLED, counting_kernel, kernel
+from hev_can_emu.jit import kernel
+from hev_can_emu.native import Bound
 from hev_can_emu.plant import detailed_layout as lay
 from hev_can_emu.plant import powertrain as port
 from hev_can_emu.plant.columns import aligned
@@ -56,43 +55,15 @@ class Parts(NamedTuple):
     events: npt.NDArray[np.void]
 
 
-if JIT_DISABLED:
-
-    class Held:
-        """The parts as one argument."""
-
-        def __init__(self, parts: Parts) -> None:
-            self.parts = parts
-
-    def hold(parts: Parts) -> Any:
-        """Return the parts as one argument for :func:`run_bench`."""
-        return Held(parts)
-
-else:
-    # As the tick's world: a reference to one structure costs next to nothing.
-    @structref.register
-    class _HeldType(types.StructRef):
-        """Numba's type of what is held."""
-
-    class Held(structref.StructRefProxy):  # type: ignore[no-redef]
-        """The parts as one argument."""
-
-        def __new__(cls, parts: Parts) -> Any:
-            """Return the parts as one argument; called from kernels only."""
-            make: Any = structref.StructRefProxy.__new__
-            return make(cls, parts)
-
-    define_proxy: Any = structref.define_proxy
-    define_proxy(Held, _HeldType, ["parts"])
-
-    @counting_kernel
-    def hold(parts: Parts) -> Any:
-        """Return the parts as one argument for :func:`run_bench`."""
-        return Held(parts)
-
-
 @kernel
-def _run(parts: Parts, t_ns: int, ticks: int, watched: npt.NDArray[np.int64], trace: Array) -> Any:
+def run_bench(
+    parts: Parts, t_ns: int, ticks: int, watched: npt.NDArray[np.int64], trace: Array
+) -> Any:
+    """Advance ``ticks`` ticks; ``trace[k]`` gets the watched truths after tick k.
+
+    Returns:
+        The number of event records taken.
+    """
     n_events: Any = np.int64(0)
     for k in range(ticks):
         n_events = advance_plant(
@@ -102,18 +73,6 @@ def _run(parts: Parts, t_ns: int, ticks: int, watched: npt.NDArray[np.int64], tr
         for i in range(watched.shape[0]):
             trace[k, i] = parts.truth[watched[i]]
     return n_events
-
-
-@counting_kernel
-def run_bench(
-    held: Any, t_ns: int, ticks: int, watched: npt.NDArray[np.int64], trace: Array
-) -> Any:
-    """Advance ``ticks`` ticks; ``trace[k]`` gets the watched truths after tick k.
-
-    Returns:
-        The number of event records taken.
-    """
-    return _run(held.parts, t_ns, ticks, watched, trace)
 
 
 class Bench:
@@ -151,13 +110,12 @@ class Bench:
         transmission = np.zeros(transmission_unit.N_STATE)
         transmission_unit.start_unit(transmission)
         self._events = np.zeros(EVENTS, dtype=EVENT)
-        self._held = hold(
-            Parts(
-                self.plant, self._car.unit, transmission, self.x, self.n, self._command,
-                self._truth, aligned(self._car.work), self._events,
-            )
+        parts = Parts(
+            self.plant, self._car.unit, transmission, self.x, self.n, self._command,
+            self._truth, aligned(self._car.work), self._events,
         )  # fmt: skip
         self._nothing = np.zeros(0, dtype=np.int64), np.zeros((0, 0))
+        self._advance = Bound(run_bench, (parts,), (0, 0, *self._nothing))
         self.t_ns = 0
         self.events: list[BenchEvent] = []
 
@@ -172,13 +130,13 @@ class Bench:
 
     def run(self, ticks: int) -> None:
         """Advance by milliseconds."""
-        self._take(run_bench(self._held, self.t_ns, ticks, *self._nothing), ticks)
+        self._take(self._advance(self.t_ns, ticks, *self._nothing), ticks)
 
     def advance(self, ticks: int, watch: tuple[str, ...] = ()) -> Array:
         """As :meth:`run`; return the watched truths after each millisecond, shape (ticks, watched)."""
         watched = np.array([port.TRUTH.index(name) for name in watch], dtype=np.int64)
         trace = np.zeros((ticks, len(watch)))
-        self._take(run_bench(self._held, self.t_ns, ticks, watched, trace), ticks)
+        self._take(self._advance(self.t_ns, ticks, watched, trace), ticks)
         return trace
 
     def _take(self, count: int, ticks: int) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hev_can_emu.ecu.transmission_unit import TransmissionUnit, tell_shift, transmission_step
-from hev_can_emu.jit import before_compiling, kernel
+from hev_can_emu.jit import before_compiling, small_kernel
 from hev_can_emu.plant.detailed import detailed_step
 from hev_can_emu.plant.detailed_layout import DetailedPlant
 from hev_can_emu.plant.powertrain import Plant, plant_step
@@ -21,7 +21,7 @@ Integers = npt.NDArray[np.int64]
 Events = npt.NDArray[np.void]
 
 
-@kernel
+@small_kernel
 def advance_simple(
     plant: Plant, unit: None, transmission: Array, x: Array, n: Integers, command: Array,
     truth: Array, work: Array, t_ns: int, events: Events, n_events: int,
@@ -30,7 +30,7 @@ def advance_simple(
     return plant_step(plant, x, n, command, truth, work, t_ns, events, n_events)
 
 
-@kernel
+@small_kernel
 def advance_detailed(
     plant: DetailedPlant, unit: TransmissionUnit, transmission: Array, x: Array, n: Integers,
     command: Array, truth: Array, work: Array, t_ns: int, events: Events, n_events: int,
@@ -81,7 +81,7 @@ def _advance_compiled(
 def _choose_at_compilation() -> None:
     from numba.extending import overload
 
-    overload(advance_plant)(_advance_compiled)
+    overload(advance_plant, inline="always")(_advance_compiled)
 
 
 before_compiling(_choose_at_compilation)

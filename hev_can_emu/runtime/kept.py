@@ -19,6 +19,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from hev_can_emu.jit import JIT_DISABLED, cache_folder
+from hev_can_emu.plant.columns import aligned
 
 T = TypeVar("T")
 
@@ -52,7 +53,11 @@ def kept(module: str, name: str, key: bytes, make: Callable[[], T]) -> T:
 
 
 def _read(path: Path) -> Any:
-    content = np.fromfile(path, dtype=np.uint8)
+    size = path.stat().st_size
+    content = aligned(-(-size // 8)).view(np.uint8)[:size]  # whose arrays are aligned in the file
+    with path.open("rb") as file:
+        if file.readinto(content.data) != size:
+            raise ValueError("cut short")
     told, rest = content[:32].tobytes(), content[32:]
     if hashlib.sha256(rest.data).digest() != told:
         raise ValueError("damaged")

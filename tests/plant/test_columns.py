@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from hev_can_emu.plant.columns import aligned, columns_times, filled_up
+from hev_can_emu.plant.motion import all_rows, combine
 
 
 def in_order(matrix, x):
@@ -25,20 +26,19 @@ def in_order(matrix, x):
 @pytest.mark.parametrize("columns", [1, 4, 18, 19, 44])
 def test_sums_have_the_bits_of_the_stated_order(columns, count):
     random = np.random.default_rng(columns * 100 + count)
-    whole = random.normal(size=(3, columns, count)) * 10.0 ** random.integers(
-        -9, 9, (3, columns, count)
-    )
+    shape = (2, 3, columns, count)
+    whole = random.normal(size=shape) * 10.0 ** random.integers(-9, 9, shape)
     x = random.normal(size=columns + 2)
+    expected = in_order(whole[1, 2], x)
     out = np.full(count + 2, 7.0)
-    columns_times(whole, 2 * columns * count, count, x, columns, out)
-    assert out[:count].tolist() == in_order(whole[2], x)
-    assert out[count:].tolist() == [7.0, 7.0]
-
-
-def test_nothing_to_add_gives_zeros():
-    out = np.full(8, np.nan)
-    columns_times(np.ones((2, 8)), 0, 8, np.ones(2), 0, out)
-    assert out.tolist() == [0.0] * 8
+    combine(whole, 1, 2, x, out)  # compiled
+    assert out.tolist() == [*expected, 7.0, 7.0]
+    out = np.full(count + 2, 7.0)
+    all_rows(whole[1, 2].copy(), x, out)
+    assert out.tolist() == [*expected, 7.0, 7.0]
+    out = np.full(count + 2, 7.0)
+    columns_times(whole, 5 * columns * count, count, x, columns, out)  # as written
+    assert out.tolist() == [*expected, 7.0, 7.0]
 
 
 @pytest.mark.parametrize("shape", [(1,), (7, 3), (5, 4, 16)])
