@@ -11,7 +11,7 @@ import numpy as np
 from hev_can_emu.ecu import ports, reasons
 from hev_can_emu.ecu.bindings_file import Bindings
 from hev_can_emu.ecu.supervision_file import Limited, Plausible, Supervision
-from hev_can_emu.ecu.ties import ResolvedBindings
+from hev_can_emu.ecu.ties import OWNER_EXTERNAL, ROLE_CONTROLLER, ResolvedBindings
 from hev_can_emu.ecu.trouble_codes import code_number
 from hev_can_emu.errors import InputError, did_you_mean
 from hev_can_emu.messages.database import Database
@@ -34,6 +34,7 @@ class Rules(NamedTuple):
     frame beyond is refused, 0 where the request is limited.  Values are SI.
     """
 
+    watched: np.ndarray  #: int64, the messages that are watched at all
     ignored: np.ndarray  #: uint8 (M, R)
     failed: np.ndarray  #: int64 (M,), bad frames in a row, 0 none
     healed: np.ndarray  #: int64 (M,), good frames in a row
@@ -86,6 +87,20 @@ class _Resolver:
         self._slews: list[list[tuple[float, ...]]] = [[] for _ in range(count)]
         self._claims: list[list[tuple[float, ...]]] = [[] for _ in range(count)]
 
+    def _watched(self) -> list[int]:
+        """Return the requests and what external units report."""
+        ties = self._ties
+        found = []
+        for message, node in enumerate(ties.message_node):
+            reports = (
+                ties.rx_start[message] < ties.rx_start[message + 1]
+                and ties.node_ownership[node] == OWNER_EXTERNAL
+                and ties.node_role[node] != ROLE_CONTROLLER
+            )
+            if ties.supervised[message] == 1 or reports:
+                found.append(message)
+        return found
+
     def run(self, bindings: Bindings) -> Rules:
         for name, binding in bindings.messages.items():
             if binding.supervision is not None:
@@ -96,6 +111,7 @@ class _Resolver:
             for table, width in ((self._limits, 4), (self._slews, 4), (self._claims, 5))
         )
         return Rules(
+            np.array(self._watched(), dtype=np.int64),
             self._ignored, self._failed, self._healed, self._number, self._confirm,
             self._substitute, self._limp[0].copy(), self._limp[1].copy(),
             _starts(self._limits), _whole(limits[:, 0]), limits[:, 1].copy(), limits[:, 2].copy(),

@@ -314,7 +314,7 @@ def watch(
     failed = 0
     changed = False
     clutch = GOOD
-    for message in range(state.shape[0]):
+    for message in rules.watched:
         supervised = ties.supervised[message] == 1
         limit = ties.timeout_ns[message]
         if supervised:

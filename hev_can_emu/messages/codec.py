@@ -39,7 +39,7 @@ from hev_can_emu.messages.columns import (
     S_RANGES,
     S_STEP,
 )
-from hev_can_emu.messages.quick import join, quick_patterns, quick_values
+from hev_can_emu.messages.quick import quick_values, quick_word
 from hev_can_emu.messages.raw import (
     FLOAT16,
     FLOAT64,
@@ -309,12 +309,11 @@ def encode(
     """
     row = codec.messages[message]
     if row[M_QUICK] != 0:
-        first, count, stride = row[M_FIRST], row[M_COUNT], codec.signals.shape[0]
-        unusual = quick_patterns(
-            codec.ranges, 0, codec.places, 0, stride, first, count, values, 0, on_bus_values, 0
-        )
+        word, unusual = quick_word(
+            codec.ranges, codec.places, codec.signals.shape[0], row[M_FIRST], row[M_COUNT],
+            values, on_bus_values,
+        )  # fmt: skip
         if unusual == 0:
-            word = join(codec.places, 0, stride, first, count, row[M_QUICK])
             for n in range(row[M_WIRE_LENGTH]):
                 data[n] = np.uint8(word & np.uint64(255))
                 word >>= np.uint64(8)

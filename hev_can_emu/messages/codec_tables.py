@@ -10,6 +10,8 @@ import numpy as np
 from hev_can_emu.messages.columns import (
     F_COLUMNS,
     M_COLUMNS,
+    M_GUARD_COUNT,
+    M_GUARDS,
     S_BIT,
     S_BYTE,
     S_COLUMNS,
@@ -82,6 +84,8 @@ def build_codec(database: Database) -> Codec:
             first,
             len(message.signals),
             word_order(message),
+            0,
+            0,
         ]
         keys.append((message.can_id | int(message.extended) << 29, message.index))
         by_name = {signal.name: signal for signal in message.signals}
@@ -89,6 +93,10 @@ def build_codec(database: Database) -> Codec:
         for signal in message.signals:
             _fill_signal(signal, by_name, signals[signal.index], scaling[signal.index], lists)
             signals[signal.index, S_PROTECTED] = not protected.isdisjoint(signal.bits())
+        guards = [s.index for s in message.signals if signals[s.index, S_PROTECTED] != 0]
+        messages[message.index, M_GUARDS] = len(lists)
+        messages[message.index, M_GUARD_COUNT] = len(guards)
+        lists += guards
         order = sorted(message.signals, key=lambda signal: _depth(signal, by_name))
         for place, signal in enumerate(order):
             signals[first + place, S_ORDER] = signal.index

@@ -8,7 +8,9 @@ M_WIRE_LENGTH = 3  # bytes on the bus
 M_FIRST = 4  # first signal
 M_COUNT = 5  # number of signals
 M_QUICK = 6  # word order of hev_can_emu.messages.quick, 0: not for its kernels
-M_COLUMNS = 7
+M_GUARDS = 7  # first signal that the protection writes, in Codec.lists
+M_GUARD_COUNT = 8
+M_COLUMNS = 9
 
 # Columns of Codec.signals, one row per signal.
 S_BYTE = 0  # byte of the least significant bit

@@ -17,8 +17,11 @@ from hev_can_emu.messages.columns import (
     M_COUNT,
     M_FIRST,
     M_FLAGS,
+    M_GUARD_COUNT,
+    M_GUARDS,
     M_ID,
     M_LENGTH,
+    M_QUICK,
     M_WIRE_LENGTH,
     S_BIT,
     S_BYTE,
@@ -29,7 +32,6 @@ from hev_can_emu.messages.columns import (
     S_LENGTH,
     S_NA,
     S_PARENT,
-    S_PROTECTED,
     S_STEP,
 )
 from hev_can_emu.messages.frame import ERROR, EXTENDED, REMOTE, SENT
@@ -47,6 +49,7 @@ from hev_can_emu.messages.protection import (
     is_accepted,
     protect,
 )
+from hev_can_emu.messages.quick import count_outside, quick_values, quick_word
 from hev_can_emu.messages.raw import SIGNED, UNSIGNED, float_value, get_bits, signed_value
 from hev_can_emu.messages.restbus import (
     R_TYPE,
@@ -106,22 +109,32 @@ def write_frame(
     """
     row = codec.messages[message]
     data = frames[i]["data"]
-    saturated = encode(codec, message, values, data, on_bus_values)
-    for n in range(row[M_WIRE_LENGTH], 64):
-        data[n] = 0
+    words = data.view(np.uint64)
+    for n in range(8):
+        words[n] = np.uint64(0)
+    saturated: Any = np.int64(0)
+    unusual: Any = np.int64(1)
+    if row[M_QUICK] != 0:
+        word, unusual = quick_word(
+            codec.ranges, codec.places, codec.signals.shape[0], row[M_FIRST], row[M_COUNT],
+            values, on_bus_values,
+        )  # fmt: skip
+        words[0] = word
+    if unusual != 0:
+        saturated = encode(codec, message, values, data, on_bus_values)
     if protection.layout[message, P_ON] != 0:
         protect(protection, message, data, row[M_LENGTH], counter)
         signals = codec.signals
-        for s in range(row[M_FIRST], row[M_FIRST] + row[M_COUNT]):
-            if signals[s, S_PROTECTED] != 0:
-                bits = get_bits(
-                    data,
-                    signals[s, S_BYTE],
-                    signals[s, S_BIT],
-                    signals[s, S_STEP],
-                    signals[s, S_LENGTH],
-                )
-                on_bus_values[s] = to_physical(signals, codec.scaling, s, bits)
+        for n in range(row[M_GUARDS], row[M_GUARDS] + row[M_GUARD_COUNT]):
+            s = codec.lists[n]
+            bits = get_bits(
+                data,
+                signals[s, S_BYTE],
+                signals[s, S_BIT],
+                signals[s, S_STEP],
+                signals[s, S_LENGTH],
+            )
+            on_bus_values[s] = to_physical(signals, codec.scaling, s, bits)
     frames[i]["t_ns"] = t_ns
     frames[i]["id"] = row[M_ID]
     frames[i]["flags"] = row[M_FLAGS] | SENT
@@ -314,8 +327,16 @@ def receive(
     if is_accepted(code, mode):
         state[base + X_ACCEPTED] += 1
         state[base + X_LAST_NS] = frames[i]["t_ns"]
-        out_of_range = count_out_of_range(codec, m, data)
+        quick = row[M_QUICK] != 0
+        stride, first, count = codec.signals.shape[0], row[M_FIRST], row[M_COUNT]
+        word = data.view(np.uint64)[0]
+        out_of_range: Any = np.int64(0)
+        if not quick or count_outside(codec.ranges, codec.places, stride, first, count, word) > 0:
+            out_of_range = count_out_of_range(codec, m, data)
         state[base + X_RANGE] += out_of_range
         state[base + X_LAST_RANGE] = out_of_range
-        decode(codec, m, data, values)
+        if quick:
+            quick_values(codec.ranges, 0, codec.places, 0, stride, first, count, word, values, 0)
+        else:
+            decode(codec, m, data, values)
     return m, code
