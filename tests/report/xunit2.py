@@ -1,4 +1,4 @@
-"""Jenkins' schema of xunit2 reports (junit-10.xsd of its xunit plug-in, which pytest follows too), as a check."""
+"""Jenkins' schema of xunit2 reports (junit-10.xsd of its xunit plug-in, which pytest follows), as a check."""
 
 from __future__ import annotations
 
