@@ -45,6 +45,9 @@ N_ENERGY = 8
 
 _TOLERANCE = 1e-6
 
+REST_SPEED = 1.0
+"""rad/s: a crank that turns slower than this is held by the friction of an engine at rest."""
+
 
 @kernel
 def combustion_step(
@@ -162,6 +165,34 @@ def combustion_step(
         else:
             reason = float(source.LIMIT_PEAK)
     out[source.OUT_REASON] = reason
+
+
+@kernel
+def friction_at_rest(
+    p: NDArray[np.float64],
+    speed: float,
+    load: float,
+    inertia: float,
+    out: NDArray[np.float64],
+) -> float:
+    """Add the friction that holds a crank at rest; return the torque after friction, N m.
+
+    It is what stops the crank by the end of the step, as far as the breakaway torque reaches, which is
+    gone at :data:`REST_SPEED`: under an even load the crank then stands still and does not creep.
+
+    Args:
+        p: parameters of :meth:`.combustion_map.CombustionParameters.pack`.
+        speed: of the crankshaft, rad/s, below :data:`REST_SPEED` in size.
+        load: what the shaft behind the crank does to it, N m.
+        inertia: of the crankshaft, kg m^2.
+        out: of :func:`combustion_step`, ``(N_OUT,)``: torque and drag are changed.
+    """
+    most = p[maps.P_BREAKAWAY] * max(1.0 - abs(speed) / REST_SPEED, 0.0)
+    wanted = -load - out[source.OUT_TORQUE] - inertia * speed / p[maps.P_STEP]
+    held = min(max(wanted, -most), most)
+    out[source.OUT_TORQUE] += held
+    out[OUT_DRAG] -= held
+    return float(out[source.OUT_TORQUE])
 
 
 @kernel

@@ -27,7 +27,8 @@ P_FADE_SPEED, P_MAX_SPEED, P_CUT_SPEED, P_RESUME_SPEED = 9, 10, 11, 12
 P_INTAKE_ANGLE, P_INTAKE_TIME, P_HEATING_VALUE, P_WALL_SHARE = 13, 14, 15, 16
 P_PULSES, P_CLOSED_PRESSURE, P_LEAK_SPEED = 17, 18, 19
 P_SPEEDS, P_LOADS, P_IDLE_DRAG = 20, 21, 22
-P_RIPPLE = 23
+P_BREAKAWAY = 23
+P_RIPPLE = 24
 P_TABLES = P_RIPPLE + gas_pulses.N_PARAMETERS  # speed, drag, efficiency, load, torque by speed
 
 _IDLE_FORGET = 0.5  # s: the governor forgets an idle load so fast once off idle
@@ -45,6 +46,7 @@ class CombustionParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=Tr
         drag: torque that turns the unfuelled engine at each speed, N m, positive.
         efficiency: combustion work per fuel energy at each speed, 1: the Willans line's slope.
         drag_fade_speed: below it drag falls in proportion to speed, rad/s.
+        breakaway: torque that a crank at rest withstands, N m.
         crank_speed: the engine fires from here on, rad/s.
         stall_speed: and stalls below this, rad/s.
         idle_speed: rad/s.
@@ -67,6 +69,7 @@ class CombustionParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=Tr
     drag: tuple[float, ...]
     efficiency: tuple[float, ...]
     drag_fade_speed: float
+    breakaway: float
     crank_speed: float
     stall_speed: float
     idle_speed: float
@@ -100,6 +103,7 @@ class CombustionParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=Tr
         if max(self.efficiency) > 1.0:
             raise InputError(f"{where}.efficiency", "at most 1", repr(max(self.efficiency)))
         check_speeds(where, self)
+        checks.not_negative(where, self, "breakaway")
         checks.positive(where, self, "intake_angle", "intake_time_max", "heating_value")
         checks.fraction(where, self, "wall_share")
         if self.pulses is not None:
@@ -137,6 +141,7 @@ class CombustionParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=Tr
             float(len(self.load)),
             float(np.interp(self.idle_speed, self.speed, self.drag))
             * min(self.idle_speed / self.drag_fade_speed, 1.0),
+            self.breakaway,
         ]
         torque = [value for row in self.torque for value in row]
         tables = [*self.speed, *self.drag, *self.efficiency, *self.load, *torque]

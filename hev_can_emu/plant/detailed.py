@@ -62,6 +62,8 @@ Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 Events = npt.NDArray[np.void]
 
+FLYWHEEL = 0  # the branch behind the crank
+
 
 @small_kernel
 def _before_the_steps(plant: DetailedPlant, x: Array, u: Array, y: Array, work: Array) -> None:
@@ -200,6 +202,11 @@ def _steps(
         forces[ENGINE] = inner.engine_torque(
             p_engine, x_engine, hold, external, speed, books[teeth.ANGLE], engine_out
         )
+        if abs(speed) < combustion.REST_SPEED and math.isnan(external):
+            forces[ENGINE] = combustion.friction_at_rest(
+                p_engine, speed, -teeth.branch_torque(extras, bank.stiffness, drive_x, FLYWHEEL),
+                bank.inertia[0], engine_out,
+            )  # fmt: skip
         forces[EM1] = inner.machine_torque(
             em1, x1, hold[lay.H_REQUEST1], hold[lay.H_GATES1], hold[lay.H_EXTERNAL1], speed1,
             x_link[0], thermal1, out1,

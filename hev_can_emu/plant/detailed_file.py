@@ -39,7 +39,7 @@ UNITS: dict[type, dict[str, str]] = {
     },
     CombustionParameters: {
         "speed": _SPEED, "load": _PURE, "torque": _TORQUE, "drag": _TORQUE, "efficiency": _PURE,
-        "drag_fade_speed": _SPEED, "crank_speed": _SPEED, "stall_speed": _SPEED,
+        "drag_fade_speed": _SPEED, "breakaway": _TORQUE, "crank_speed": _SPEED, "stall_speed": _SPEED,
         "idle_speed": _SPEED, "idle_gain": "N m s/rad", "idle_integral_gain": "N m/rad",
         "idle_torque_max": _TORQUE, "fade_speed": _SPEED, "max_speed": _SPEED,
         "cut_speed": _SPEED, "resume_speed": _SPEED, "intake_angle": _ANGLE,

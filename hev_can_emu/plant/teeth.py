@@ -169,6 +169,14 @@ def mesh_changes(extras: Extras, x: Array, contact: int, i: int) -> int:
 
 
 @kernel
+def branch_torque(extras: Extras, stiffness: Array, x: Array, branch: int) -> float:
+    """Return what a branch carries, N m; ``stiffness`` (r, q, q) is diagonal, play not looked at."""
+    rate = row_speed(extras.branch_at, extras.branch_by, x, branch)
+    twist = x[extras.first_twist + branch]
+    return float(stiffness[0, branch, branch] * twist + extras.damping[branch] * rate)
+
+
+@kernel
 def book_dampers(
     damping: Array, length: float, first: Array, middle: Array, last: Array, books: Array
 ) -> None:

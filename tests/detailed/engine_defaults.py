@@ -50,6 +50,7 @@ ENGINE = CombustionParameters(
     drag=_DRAG,
     efficiency=(0.36, 0.385, 0.395, 0.405, 0.40, 0.39, 0.375),
     drag_fade_speed=20.0,
+    breakaway=20.0,
     crank_speed=42.0,
     stall_speed=31.0,
     idle_speed=89.0,

@@ -50,6 +50,8 @@ def digest(name: str) -> str:
     file = read(VEHICLE)
     used: dict[str, Any] = {key: file.detailed[key] for key in USED}
     used["driveline"] = {k: v for k, v in file.driveline.items() if k != "reduced_ratios"}
+    # The engine runs all the time.
+    used["engine"] = {k: v for k, v in file.detailed.engine.items() if k != "breakaway"}
     used["road"] = file.machines.road
     _, y, given, start = prepare(name)
     found = hashlib.sha256(json.dumps(used, sort_keys=True).encode())
