@@ -1,9 +1,9 @@
 """One inner step of the detailed plant: every machine once, then driveline, DC link and oil.
 
-Machines take speeds, pressures and voltage from the step's beginning and give what holds
-over it; the driveline moves exactly under that; then each machine's energy is taken over the angle
-really travelled, and the DC link gives what the drives took.  The coupling is of first order in the
-step, each part of the order its own page tells.
+Machines take speeds, pressures and voltage from the step's beginning and give what holds over it, C1 by
+what is foreseen for its middle; the driveline moves exactly under that; then each machine's energy is
+taken over the angle really travelled, and the DC link gives what the drives took.  The coupling is of
+first order in the step, each part of the order its own page tells.
 """
 
 from __future__ import annotations

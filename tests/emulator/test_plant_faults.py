@@ -142,36 +142,38 @@ def test_an_active_short_circuit_brakes(model: str) -> None:
     assert bench["EM2DCPower"] == 0.0
 
 
-def test_a_leak_lets_the_clutch_slip() -> None:
-    bench = broken(series(), fault="clutch_leak", share=0.9)
+@pytest.mark.parametrize("model", ["4dof", "detailed"])
+def test_a_leak_lets_the_clutch_slip(model: str) -> None:
+    bench = broken(series(Setup(model=model)), fault="clutch_leak", share=0.9)
     assert bench["ClutchTorqueCapacity"] == pytest.approx(20.0, abs=0.2)
     assert bench["ClutchTorqueCapacitySetpoint"] == 200.0
     assert bench.label("ClutchState") == "Slipping"
 
 
-@pytest.mark.parametrize(
-    ("valve", "opening", "capacity"), [("clutch", 0.0, 0.0), ("clutch", 0.5, 200.0)]
-)
-def test_a_stuck_clutch_valve(valve: str, opening: float, capacity: float) -> None:
-    bench = broken(series(), fault="valve_stuck", valve=valve, opening=opening)
-    assert bench["ClutchTorqueCapacity"] == pytest.approx(capacity, abs=0.3)
+@pytest.mark.parametrize(("model", "within"), [("4dof", 0.3), ("detailed", 1.5)])
+@pytest.mark.parametrize(("opening", "capacity"), [(0.0, 0.0), (0.5, 200.0)])
+def test_a_stuck_clutch_valve(opening: float, capacity: float, model: str, within: float) -> None:
+    car = series(Setup(model=model))
+    bench = broken(car, fault="valve_stuck", valve="clutch", opening=opening)
+    assert bench["ClutchTorqueCapacity"] == pytest.approx(capacity, abs=within)
     bench.ask_and_run(600, ClutchTorqueCapacityRequest=0.0)
-    assert bench["ClutchTorqueCapacity"] == pytest.approx(capacity, abs=0.3)
+    assert bench["ClutchTorqueCapacity"] == pytest.approx(capacity, abs=within)
 
 
-def shift(gear: str, **fault: Any) -> Bench:
-    bench = Bench(CAR).run(50)
+def shift(model: str, gear: str, **fault: Any) -> Bench:
+    bench = Bench(Setup(model=model)).run(50)
     bench.emulator.inject(parse({"fault": "valve_stuck", **fault}))
     return bench.ask_and_run(400, GearRequest=gear, ShiftForceRequest=800.0)
 
 
-def test_stuck_shift_valves() -> None:
-    assert shift("G1", valve="g1", opening=0.0)["SleevePosition"] == 0.0
-    assert shift("G2", valve="g1", opening=0.0).label("Gear") == "G2"
+@pytest.mark.parametrize("model", ["4dof", "detailed"])
+def test_stuck_shift_valves(model: str) -> None:
+    assert shift(model, "G1", valve="g1", opening=0.0)["SleevePosition"] == 0.0
+    assert shift(model, "G2", valve="g1", opening=0.0).label("Gear") == "G2"
     # Pressure on one side only moves the sleeve though nobody asks.
-    assert shift("Neutral", valve="g2", opening=0.5).label("Gear") == "G2"
+    assert shift(model, "Neutral", valve="g2", opening=0.5).label("Gear") == "G2"
     # The stronger side wins.
-    assert shift("G2", valve="g1", opening=1.0).label("Gear") == "G1"
+    assert shift(model, "G2", valve="g1", opening=1.0).label("Gear") == "G1"
 
 
 def test_a_lost_speed_sensor_trips_its_machine() -> None:
