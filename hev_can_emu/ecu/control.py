@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hev_can_emu.ecu import ports
-from hev_can_emu.jit import kernel
+from hev_can_emu.jit import inlined_kernel, kernel
 from hev_can_emu.plant import powertrain as plant
 
 Array = npt.NDArray[np.float64]
@@ -121,7 +121,7 @@ def _shift(request: Array, share: Array, truth: Array, active: bool, command: Ar
     command[plant.U_SHIFT_FORCE] = force
 
 
-@kernel
+@inlined_kernel
 def commands_from_requests(
     request: Array,
     share: Array,

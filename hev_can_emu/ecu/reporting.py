@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hev_can_emu.ecu import ports
-from hev_can_emu.jit import kernel
+from hev_can_emu.jit import inlined_kernel, kernel
 from hev_can_emu.plant import powertrain as plant
 
 Array = npt.NDArray[np.float64]
@@ -150,7 +150,7 @@ def _at_bound(command: Array, base: int, setpoint: float) -> bool:
     return bool(setpoint == command[base + 3] or setpoint == command[base + 4])
 
 
-@kernel
+@inlined_kernel
 def statuses_from_truth(
     truth: Array,
     command: Array,

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from hev_can_emu.jit import kernel
+from hev_can_emu.jit import inlined_kernel, kernel
 from hev_can_emu.messages.columns import (
     F_HIGH,
     F_LOW,
@@ -171,7 +171,7 @@ def quick_patterns(
     )
 
 
-@kernel
+@inlined_kernel
 def quick_word(
     ranges: np.ndarray,
     places: np.ndarray,
@@ -214,7 +214,7 @@ def quick_word(
     return word | swap_bytes(big_word), unusual
 
 
-@kernel
+@inlined_kernel
 def count_outside(
     ranges: np.ndarray, places: np.ndarray, stride: int, first: int, count: int, word: Any
 ) -> Any:
@@ -259,7 +259,7 @@ def join(
     return swap_bytes(word) if order == BIG else word
 
 
-@kernel
+@inlined_kernel
 def quick_values(
     ranges: np.ndarray,
     at_ranges: int,

@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hev_can_emu.jit import kernel
+from hev_can_emu.jit import inlined_kernel, kernel
 from hev_can_emu.messages.codec import Codec, to_pattern, to_physical
 from hev_can_emu.messages.columns import (
     M_COUNT,
@@ -220,7 +220,7 @@ def is_idle(kind: int, state: np.ndarray, message: int, t_ns: int) -> bool:
     )
 
 
-@kernel
+@inlined_kernel
 def is_due(
     restbus: Restbus,
     codec: Codec,

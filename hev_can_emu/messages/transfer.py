@@ -176,7 +176,7 @@ def transmit(
     return n_out
 
 
-@kernel
+@inlined_kernel
 def not_idle(restbus: Restbus, state: np.ndarray, t_ns: int, messages: np.ndarray) -> Any:
     """Write into ``messages``, int64, what may be due at ``t_ns``, by priority; return how many."""
     count: Any = np.int64(0)
@@ -188,7 +188,7 @@ def not_idle(restbus: Restbus, state: np.ndarray, t_ns: int, messages: np.ndarra
     return count
 
 
-@kernel
+@inlined_kernel
 def transmit_these(
     codec: Codec,
     protection: Protection,

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from hev_can_emu.jit import inner_kernel, kernel
+from hev_can_emu.jit import inlined_kernel, inner_kernel, kernel
 from hev_can_emu.scenario import columns
 from hev_can_emu.scenario.evaluation import STACK, Code, evaluate
 
@@ -96,7 +96,7 @@ def no_script() -> Script:
     return make_script(columns.Columns(), np.empty((0, 2)), 0, np.empty((0, 2)), 1)
 
 
-@kernel
+@inlined_kernel
 def perform(
     script: Script, t_ns: int, on_bus: Array, seen_ns: Integers, truth: Array, values: Array
 ) -> int:
@@ -120,7 +120,7 @@ def perform(
     return int(control[STOPPED])
 
 
-@inner_kernel
+@inlined_kernel
 def _perform(
     script: Script, t_ns: int, on_bus: Array, seen_ns: Integers, truth: Array, values: Array
 ) -> int:
@@ -152,7 +152,7 @@ def _perform(
     return GO_ON
 
 
-@inner_kernel
+@inlined_kernel
 def _fill(script: Script, t_ns: int, on_bus: Array, seen_ns: Integers, truth: Array) -> None:
     origin = script.control[ORIGIN_NS]
     for i in range(script.columns.shape[0]):
