@@ -35,7 +35,7 @@ from hev_can_emu.ecu.supervision import begin_cycle, is_taken, take_message, wat
 from hev_can_emu.ecu.ties import ResolvedBindings, message_from_statuses, sent_value
 from hev_can_emu.ecu.transmission_unit import TransmissionUnit
 from hev_can_emu.ecu.trouble_codes import count_codes
-from hev_can_emu.jit import inner_kernel, kernel
+from hev_can_emu.jit import inlined_kernel, inner_kernel, kernel
 from hev_can_emu.messages.codec import Codec, decode, find_message
 from hev_can_emu.messages.columns import M_COUNT, M_FIRST, M_WIRE_LENGTH
 from hev_can_emu.messages.frame import ERROR, EXTENDED, REMOTE, SENT, make_frames
@@ -164,7 +164,7 @@ def _mark_seen(codec: Codec, seen_ns: Integers, message: int, t_ns: int) -> None
         seen_ns[signal] = t_ns
 
 
-@inner_kernel
+@inlined_kernel
 def _take_frame(
     constants: Constants, state: State, frames: Frames, i: int, accept: Flags, t_ns: int
 ) -> None:
@@ -195,6 +195,14 @@ def _take_frame(
     _mark_seen(constants.codec, state.seen_ns, message, t_ns)
 
 
+@inner_kernel
+def _take_rare(
+    constants: Constants, state: State, frames: Frames, i: int, accept: Flags, t_ns: int
+) -> None:
+    """Do the same where the way is not so often taken that its code should stand there."""
+    _take_frame(constants, state, frames, i, accept, t_ns)
+
+
 @kernel
 def count_into(codes: Integers, scalars: Integers) -> None:
     """Count the trouble codes that fail now and those that are confirmed."""
@@ -219,7 +227,7 @@ def _take_faulty(
         message, constants.ties.message_node[message], t_ns, state.events, n_events,
     )  # fmt: skip
     for _ in range(copies):
-        _take_frame(constants, state, single, 0, state.accept, t_ns)
+        _take_rare(constants, state, single, 0, state.accept, t_ns)
     if copies > 0 and state.faults.counts[HELD] > 0:
         _take_late(constants, state, message, t_ns)
     return n_events
@@ -232,7 +240,7 @@ def _take_late(constants: Constants, state: State, message: int, t_ns: int) -> N
         state.faults, state.held, state.held_row, t_ns, message, 0, state.scratch, 0
     )
     for i in range(late):
-        _take_frame(constants, state, state.scratch, i, state.accept, t_ns)
+        _take_rare(constants, state, state.scratch, i, state.accept, t_ns)
 
 
 @inner_kernel
@@ -264,7 +272,7 @@ def _take_own(constants: Constants, state: State, frames: Frames, i: int, t_ns: 
         single = state.scratch[:1]
         single[0] = frames[i]
         single[0]["flags"] = flags & ~SENT
-        _take_frame(constants, state, single, 0, state.enabled, t_ns)
+        _take_rare(constants, state, single, 0, state.enabled, t_ns)
     elif state.origin[message] == ORIGIN_UNIT:
         _mark_seen(codec, state.seen_ns, message, t_ns)
         if np.int64(frames[i]["length"]) == codec.messages[message, M_WIRE_LENGTH]:
@@ -398,10 +406,9 @@ def run_ticks(
                 message = find_message(codec, frames_in[taken]["id"], flags & EXTENDED)
                 if message < 0:
                     state.scalars[UNKNOWN] += 1
-                elif state.origin[message] == ORIGIN_PLAYED and state.muted[message] != 0:
-                    # Silenced here, so that another may send it.
-                    _take_frame(constants, state, frames_in, taken, state.muted, t_ns)
-                elif state.origin[message] in (ORIGIN_UNIT, ORIGIN_PLAYED):
+                elif state.origin[message] == ORIGIN_UNIT or (
+                    state.origin[message] == ORIGIN_PLAYED and state.muted[message] == 0
+                ):
                     # Somebody else sends what is ours: told, never obeyed.
                     if state.told[message] == 0:
                         state.told[message] = 1
@@ -412,7 +419,10 @@ def run_ticks(
                         constants, state, frames_in, taken, message, t_ns, n_events
                     )
                 else:
-                    _take_frame(constants, state, frames_in, taken, state.accept, t_ns)
+                    # What is silenced here, another may send.
+                    silenced = state.origin[message] == ORIGIN_PLAYED
+                    accept = state.muted if silenced else state.accept
+                    _take_frame(constants, state, frames_in, taken, accept, t_ns)
             taken += 1
 
         operating = 1 if state.requests[ports.IGNITION] >= IGNITION_ON else 0
