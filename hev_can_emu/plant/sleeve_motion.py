@@ -14,12 +14,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hev_can_emu.jit import kernel
+from hev_can_emu.plant.sleeve_layout import (
+    OUT_DAMPING_LOSS,
+    OUT_ELASTIC,
+    OUT_FRICTION_LOSS,
+    OUT_KINETIC,
+    OUT_STOP_LOSS,
+    OUT_WORK,
+    X_POSITION,
+    X_VELOCITY,
+)
 from hev_can_emu.plant.sleeve_parameters import (
     P_BLOCKING,
     P_DAMPING,
+    P_DOG_HOLD,
+    P_DOGS,
+    P_DT,
     P_END,
     P_ENGAGED_FORCE,
     P_ENGAGED_WIDTH,
+    P_FLIGHT_SHARE,
+    P_GUIDE_FRICTION,
     P_MASS,
     P_NEUTRAL_FORCE,
     P_NEUTRAL_WIDTH,
@@ -28,6 +43,10 @@ from hev_can_emu.plant.sleeve_parameters import (
     P_STRUT_FORCE,
 )
 
+Array = NDArray[np.float64]
+
+_SEGMENTS = 8  # moves between obstacles in one step
+_REST = 1e-9  # of the step: less is none left
 _ROUNDS = 20  # four or five are enough; bounded so that a step always ends
 _CLOSE = 1e-15
 
@@ -153,3 +172,103 @@ def speed_over_way(
     free = 2.0 * m * velocity - p[P_DAMPING] * way
     root = math.sqrt(max(free * free + 8.0 * m * net * way, 0.0))
     return float((free + (root if way > 0.0 else -root)) / (4.0 * m))
+
+
+@kernel
+def dry_friction(p: Array, s: float, outward: bool, dogs: float) -> float:
+    """Return the dry friction at travel ``s``, N: of the guide, and of flanks that carry ``dogs`` N m."""
+    dry: float = p[P_GUIDE_FRICTION]
+    if s > p[P_DOGS] or (s == p[P_DOGS] and outward):
+        dry += p[P_DOG_HOLD] * dogs
+    return dry
+
+
+@kernel
+def past_ring(p: Array, s: float, outward: bool, push: float) -> float:
+    """Return the share of ``push``, N outward, that is left after rubbing past the ring, 1."""
+    if push > 0.0 and outward and p[P_BLOCKING] <= s < p[P_DOGS]:
+        return float(1.0 - p[P_FLIGHT_SHARE])
+    return 1.0
+
+
+@kernel
+def move_between(
+    p: Array,
+    x: Array,
+    low: float,
+    high: float,
+    force: float,
+    stiffness: float,
+    dogs: float,
+    remaining: float,
+    out: Array,
+) -> float:
+    """Move between two obstacles; return the greatest speed at which one further out was met, m/s."""
+    position, velocity = x[X_POSITION], x[X_VELOCITY]
+    start, m = position, p[P_MASS]
+    struck = 0.0
+    for _ in range(_SEGMENTS):
+        push = force - stiffness * (position - start)
+        net = push + notch_force(p, position)
+        outward = velocity if velocity != 0.0 else net
+        direction = 1.0 if outward > 0.0 else -1.0
+        limit = high if direction > 0.0 else low
+        if (position - limit) * direction >= 0.0:
+            if velocity == 0.0:
+                break
+            out[OUT_STOP_LOSS] += 0.5 * m * velocity * velocity
+            out[OUT_KINETIC] -= 0.5 * m * velocity * velocity
+            struck = max(struck, abs(velocity))
+            velocity = 0.0
+            continue
+        outward = position * direction >= 0.0
+        s = abs(position)
+        dry = dry_friction(p, s, outward, dogs)
+        # Past the ring a share of the force rubs: of its mean over the way, as the force falls with it.
+        left = past_ring(p, s, outward, push * direction)
+        if velocity == 0.0 and abs(net) <= dry + (1.0 - left) * abs(push):
+            break
+        # Where the dogs begin to overlap friction changes: a move ends there.
+        edge = p[P_DOGS] * (1.0 if position > 0.0 else -1.0)
+        if (edge - position) * direction > 0.0 and (limit - edge) * direction > 0.0:
+            limit = edge
+        time = remaining
+        stops = False
+        while True:
+            drive, stiff = left * push - direction * dry, left * stiffness
+            way = way_in_time(p, position, velocity, drive, stiff, time)
+            if velocity != 0.0 and (2.0 * way / time - velocity) * direction <= 0.0:
+                rest = way_to_rest(p, position, velocity, drive, stiff)
+                if 2.0 * rest / velocity <= time:
+                    way, stops, time = rest, True, 2.0 * rest / velocity
+            if left == 1.0 or (push - 0.5 * stiffness * way) * direction >= 0.0:
+                break
+            left, stops, time = 1.0, False, remaining
+        arrives = (position + way - limit) * direction >= 0.0
+        if arrives:
+            way, stops = limit - position, False
+        if way == 0.0:
+            break
+        # The speed that goes with this way: energies are exact however well the way was found.
+        mean = speed_over_way(p, position, velocity, drive, stiff, way)
+        new = 2.0 * mean - velocity
+        if arrives:
+            time = way / mean
+        force_over_way = push - 0.5 * stiffness * way
+        out[OUT_WORK] += force_over_way * way
+        out[OUT_ELASTIC] += elastic_change(p, position, position + way)
+        out[OUT_FRICTION_LOSS] += dry * abs(way) + (1.0 - left) * force_over_way * way
+        out[OUT_DAMPING_LOSS] += p[P_DAMPING] * mean * way
+        if stops:
+            out[OUT_STOP_LOSS] += 0.5 * m * new * new  # rounding
+            new = 0.0
+            out[OUT_KINETIC] -= 0.5 * m * velocity * velocity
+        else:
+            out[OUT_KINETIC] += 0.5 * m * (new * new - velocity * velocity)
+        position = limit if arrives else position + way
+        velocity = new
+        remaining -= time
+        if remaining <= _REST * p[P_DT]:
+            break
+    x[X_POSITION], x[X_VELOCITY] = position, velocity
+    return struck
