@@ -15,6 +15,7 @@ One compiled loop writes the text, byte by byte, into a buffer that has room for
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -49,14 +50,15 @@ class CandumpWriter:
         self._epoch_ns = epoch_ns
         self._channel = channel
         self._file = path.open("wb", buffering=0)
+        self._text = np.empty(_CHUNK * _longest(channel), dtype=np.uint8)
 
     def write(self, frames: np.ndarray) -> None:
         """Append frames; raises OSError."""
         for start in range(0, len(frames), _CHUNK):
-            text = format_candump(frames[start : start + _CHUNK], self._epoch_ns, self._channel)
-            view = memoryview(text)
-            while view:
-                view = view[self._file.write(view) or 0 :]
+            chunk = frames[start : start + _CHUNK]
+            for view in _pieces(chunk, self._epoch_ns, self._channel, self._text):
+                while view:
+                    view = view[self._file.write(view) or 0 :]
 
     def flush(self) -> None:
         """Do nothing: the file is unbuffered."""
@@ -68,22 +70,28 @@ class CandumpWriter:
 
 def format_candump(frames: np.ndarray, epoch_ns: int = 0, channel: str = "vcan0") -> bytes:
     """Return ``frames``, shape (n,), as candump lines; times are cut to microseconds."""
-    if not len(frames):
-        return b""
-    channels = frames["channel"]
-    if channels.any():  # runs of equal channels, in order
-        edges = np.flatnonzero(np.diff(channels)) + 1
-        return b"".join(
-            _format(run, epoch_ns, f"can{run['channel'][0]}" if run["channel"][0] else channel)
-            for run in np.split(frames, edges)
-        )
-    return _format(frames, epoch_ns, channel)
+    text = np.empty(len(frames) * _longest(channel), dtype=np.uint8)
+    return b"".join(bytes(piece) for piece in _pieces(frames, epoch_ns, channel, text))
 
 
-def _format(frames: np.ndarray, epoch_ns: int, channel: str) -> bytes:
-    name = np.frombuffer(f") {channel} ".encode(), dtype=np.uint8)
-    text = np.empty(len(frames) * (_LONGEST + len(name)), dtype=np.uint8)
-    return text[: native(write_lines, frames, epoch_ns, name.copy(), text)].tobytes()
+def _longest(channel: str) -> int:
+    """Return how many bytes a line takes at most; ``channel``: of channel 0."""
+    return _LONGEST + max(len(_name(channel)), len(_name("can65535")))
+
+
+def _name(channel: str) -> bytes:
+    return f") {channel} ".encode()
+
+
+def _pieces(frames: np.ndarray, epoch_ns: int, channel: str, text: Text) -> Iterator[memoryview]:
+    """Yield the lines, made in ``text``, valid until the next: one piece per run of equal channels."""
+    edges = np.flatnonzero(np.diff(frames["channel"])) + 1
+    for run in np.split(frames, edges):
+        if len(run):
+            number = run["channel"][0]
+            name = np.frombuffer(_name(f"can{number}" if number else channel), dtype=np.uint8)
+            size = native(write_lines, run, epoch_ns, name, text)
+            yield text[:size].data
 
 
 @kernel
