@@ -74,7 +74,7 @@ PASSES = 2
 """How often the orifices' conductances are brought up to date within a step."""
 
 PARTS = 8
-"""Of a step in which the clutch piston moves, where :func:`hydraulics_in_parts` is asked."""
+"""Of a step in which clutch piston or valve move, where :func:`hydraulics_in_parts` is asked."""
 
 STILL, CALM = 2e-4, 1.0
 """A clutch piston below the first, m/s, and a spool below the second, 1/s, count as at rest."""
@@ -214,7 +214,7 @@ def hydraulics_in_parts(
     sleeve_position: float,
     out: NDArray[np.float64],
 ) -> int:
-    """As :func:`hydraulics_step`, in :data:`PARTS` while the clutch piston moves; return how many.
+    """As :func:`hydraulics_step`, in :data:`PARTS` while clutch piston or valve move; return how many.
 
     ``fine`` are the parameters for a step that is so much shorter.  The sleeve moves evenly.
     """
