@@ -25,6 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hev_can_emu.bus.port import Bus
+from hev_can_emu.jit import ready_compiler
 from hev_can_emu.messages.frame import make_frames
 from hev_can_emu.runtime.clock import Grid
 from hev_can_emu.runtime.emulator import Emulator, Event
@@ -143,6 +144,8 @@ class Service:
                 with contextlib.suppress(ValueError, RuntimeError, NotImplementedError):
                     loop.add_signal_handler(number, self._interrupt)
                     undo.callback(loop.remove_signal_handler, number)
+            # No kernel called for the first time may hold up the tick while the compiler is imported.
+            ready_compiler()
             # A full collection over the compiler's half a million objects would take a hundred ticks.
             gc.collect()
             gc.freeze()
