@@ -43,6 +43,22 @@ def columns_times(matrix: Array, start: int, count: int, x: Array, nz: int, out:
         nz: number of columns.
         out: at least ``count`` values.
     """
+    columns = matrix.ravel()[start : start + nz * count].reshape(nz, count)
+    total = np.zeros(count)
+    j = 0
+    while j + 3 < nz:
+        total += (columns[j] * x[j] + columns[j + 1] * x[j + 1]) + (
+            columns[j + 2] * x[j + 2] + columns[j + 3] * x[j + 3]
+        )
+        j += 4
+    while j < nz:
+        total += columns[j] * x[j]
+        j += 1
+    out[:count] = total
+
+
+def _checked(matrix: Array, start: int, count: int, x: Array, nz: int, out: Array) -> None:
+    """As :func:`columns_times`, in loops whose bounds Numba checks."""
     flat = matrix.ravel()
     for i in range(count):
         total = 0.0
@@ -66,6 +82,6 @@ def _compile_vectors() -> None:
 
 
 if BOUNDS_CHECKED:
-    columns_times = counting_kernel(columns_times)
+    columns_times = counting_kernel(_checked)
 elif not JIT_DISABLED:
     before_compiling(_compile_vectors)

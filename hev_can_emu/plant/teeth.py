@@ -106,8 +106,7 @@ def build_extras(
             f"bank: expected one built with open_branches={mesh}, got {len(bank.flow)} configurations"
         )
     middle = structure.n + structure.nq + N_PORTS + len(structure.locks)
-    branches = len(structure.branch_names)
-    if damper_work and branches > 0 and not bank.flow[:, :, :, middle:].any():
+    if damper_work and not bank.flow[:, :, :, middle:].any():
         raise ValueError("bank: expected one built with travel and dampers, got one without")
     places, factors = sparse_rows(structure.incidence)
     return Extras(

@@ -62,7 +62,7 @@ class Bench:
         self, structure: Structure, period: float = 1e-3, levels: int = 10, detailed: bool = False
     ) -> None:
         self.structure = structure
-        self.bank: Bank = build_bank(structure, period, levels, travel=detailed)
+        self.bank: Bank = build_bank(structure, period, levels, travel=detailed, dampers=detailed)
         self.extras = None
         if detailed:
             self.extras = build_extras(structure, self.bank, np.zeros(0), damper_work=True)
