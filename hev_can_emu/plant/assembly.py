@@ -16,8 +16,6 @@ from hev_can_emu.plant.structure import Structure, full_order
 from hev_can_emu.plant.teeth import N_LOCKS
 from hev_can_emu.plant.vehicle import DrivelineParameters
 
-MODELS = ("4dof", "16dof", "detailed")
-
 
 def driveline_structure(
     parameters: DrivelineParameters, model: str, reduction: str = "load-weighted"

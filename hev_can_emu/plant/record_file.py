@@ -33,8 +33,9 @@ def part_of(kind: Any) -> tuple[type[msgspec.Struct] | None, bool]:
 def file_type(record: type[msgspec.Struct]) -> type[msgspec.Struct]:
     """Return the file's shape of a record."""
     fields: list[Any] = []
+    kinds = typing.get_type_hints(record)
     for field in msgspec.structs.fields(record):
-        kind = typing.get_type_hints(record)[field.name]
+        kind = kinds[field.name]
         part, optional = part_of(kind)
         if part is not None:
             shape = file_type(part)
