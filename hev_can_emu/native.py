@@ -61,6 +61,7 @@ class Bound:
         self._at = form.size
         expressions += [form.add(value) for value in example]
         self._dtypes = [getattr(value, "dtype", None) for value in example]
+        self._dimensions = [getattr(value, "ndim", 0) for value in example]
         code = _code(function, form, expressions)
         self._held, self._released = _BY_REFERENCE(code.address), _RELEASING(code.address)
         self._table = np.array([0, 0, *form.words], dtype=np.int64)
@@ -86,6 +87,8 @@ class Bound:
             else:
                 if value.dtype != dtype:
                     raise ValueError(f"expected an array of {dtype}, got {value.dtype}")
+                if value.ndim != self._dimensions[i]:
+                    raise ValueError(f"expected {self._dimensions[i]} dimensions, got {value.ndim}")
                 array = np.ascontiguousarray(value)
                 # Held, and not looked at again, if it is what the caller has, whose memory stays.
                 last[i] = array

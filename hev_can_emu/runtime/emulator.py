@@ -351,7 +351,7 @@ class Emulator:
             The frames sent, valid until the next call, and how many of the given ones were taken.
         """
         ticks = -(-(until_ns - self.now_ns) // TICK_NS)
-        run_world(self._world, max(ticks, 0), frames, count)
+        run_world(self._world, max(ticks, 0), frames if count > 0 else self._none, count)
         sent, used, noted, _ = self.state.result.tolist()
         if noted:
             told = self.state.events[:noted]

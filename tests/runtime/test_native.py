@@ -126,6 +126,10 @@ def test_arrays_of_another_type_are_refused() -> None:
     bound = Bound(weigh, (outer_of(1.0),), (1, np.zeros((1, 3)), np.zeros(4)))
     with pytest.raises(ValueError, match="expected an array of float64, got float32"):
         bound(1, np.zeros((1, 3), dtype=np.float32), np.zeros(4))
+    with pytest.raises(ValueError, match="expected 2 dimensions, got 1"):
+        bound(1, np.zeros(3), np.zeros(4))
+    with pytest.raises(TypeError, match="expected 3 arguments, got 2"):
+        bound(1, np.zeros((1, 3)))
     with pytest.raises(TypeError, match="no argument for machine code: str"):
         Bound(weigh, (outer_of(1.0),), ("two",))
     assert outer_of(1.0).frames.dtype == FRAME
