@@ -8,9 +8,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from hev_can_emu.jit import uncompiled
 from hev_can_emu.native import native
-from hev_can_emu.scenario.evaluation import STACK, Code, evaluate, evaluate_rows
+from hev_can_emu.scenario.evaluation import STACK, Code, evaluate_rows
 from hev_can_emu.scenario.signals import Signal
 from hev_can_emu.units import Unit
 
@@ -85,8 +84,7 @@ class Expression(NamedTuple):
 
 def single(code: Code, row: Array) -> float:
     """Return the value of ``code`` over one row."""
-    with uncompiled(), np.errstate(all="ignore"):
-        return float(evaluate(code, row, _STACK))
+    return float(over_rows(code, row.reshape(1, -1))[0])
 
 
 def over_rows(code: Code, rows: Array) -> Array:

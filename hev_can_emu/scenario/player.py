@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from hev_can_emu.jit import uncompiled
 from hev_can_emu.scenario import program, script
 from hev_can_emu.scenario.compiler import compile_scenario
+from hev_can_emu.scenario.expression import over_rows
 from hev_can_emu.scenario.monitor import NEVER
 from hev_can_emu.scenario.place import Place, Steps, spell
 from hev_can_emu.scenario.schema import Scenario
@@ -92,6 +92,10 @@ class Player:
         self._slots: Mapping[int, int] = {index: slot for slot, index in enumerate(sorted(shaped))}
         code, samples = self.program.tables.arrays()
         self.script = script.make_script(self.program.columns, code, len(shaped), samples)
+        self._perform = script.bind_perform(self.script)
+        over_rows(
+            np.zeros((1, 2)), np.zeros((0, 1))
+        )  # what is called for the first time may take long
         self._watcher = Watcher(self.program.watches, self.script, self._resolve)
         self.script.control[script.ACTIVE] = 1
 
@@ -154,8 +158,7 @@ class Player:
         values: Values,
     ) -> int:
         """Do what the script does at a tick, outside of one; return script.GO_ON or why to wait."""
-        with uncompiled(), np.errstate(all="ignore"):
-            return script.perform(self.script, t_ns, on_bus, seen_ns, truth, values)
+        return self._perform(t_ns, on_bus, seen_ns, truth, values)
 
     def hear(self, frames: npt.NDArray[np.void]) -> None:
         """Take frames that were on the bus."""

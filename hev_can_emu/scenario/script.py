@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hev_can_emu.jit import inlined_kernel, inner_kernel, kernel
+from hev_can_emu.native import Bound
 from hev_can_emu.scenario import columns
 from hev_can_emu.scenario.evaluation import STACK, Code, evaluate
 
@@ -118,6 +119,12 @@ def perform(
         return GO_ON
     control[STOPPED] = _perform(script, t_ns, on_bus, seen_ns, truth, values)
     return int(control[STOPPED])
+
+
+def bind_perform(script: Script) -> Bound:
+    """Return :func:`perform` for one script, to be called with the rest of its arguments."""
+    nothing, never = np.zeros(1), np.zeros(1, dtype=np.int64)
+    return Bound(perform, (script,), (0, nothing, never, nothing, nothing))
 
 
 @inlined_kernel

@@ -7,14 +7,14 @@ import numpy as np
 from hev_can_emu.plant.events import EVENT
 from hev_can_emu.scenario.evaluation import CONSTANT, build
 from hev_can_emu.scenario.expression import over_rows, single
-from hev_can_emu.scenario.script import mark_events, no_script, perform
+from hev_can_emu.scenario.script import bind_perform, mark_events, no_script
 from hev_can_emu.scenario.weighting import weigh, weighting_filter
 
 
 def warm_scenario_kernels() -> None:
     """Compile them, or load them from the cache."""
     script, vector = no_script(), np.zeros(1)
-    perform(script, 0, vector, np.zeros(1, dtype=np.int64), vector, vector)
+    bind_perform(script)
     mark_events(script, np.zeros(1, dtype=EVENT), 0, 0)
     code = build([(CONSTANT, 1.0)])
     single(code, vector)
