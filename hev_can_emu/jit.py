@@ -269,8 +269,10 @@ def _put_in_place(space: dict[str, Any]) -> None:
 def _dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
     from hev_can_emu import numba_side
 
-    module = function.__module__.partition(".")[2]
-    return numba_side.dispatcher(function, cache_folder(module), options)
+    package, _, module = function.__module__.partition(".")
+    # Not of functions elsewhere: nobody would notice that what they call here has changed.
+    folder = cache_folder(module) if package == _NAME else None
+    return numba_side.dispatcher(function, folder, options)
 
 
 def _compile(function: F, **options: Any) -> F:

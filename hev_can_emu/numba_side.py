@@ -44,10 +44,12 @@ class KernelLocator(locators.UserProvidedCacheLocator):  # type: ignore[misc]
         return "compiled"
 
 
-def dispatcher(function: Callable[..., Any], folder: Path, options: Mapping[str, Any]) -> Any:
+def dispatcher(
+    function: Callable[..., Any], folder: Path | None, options: Mapping[str, Any]
+) -> Any:
     """Return Numba's dispatcher of a function: it compiles on first call, or loads from ``folder``."""
     settings = {
-        "CACHE_DIR": str(folder),
+        "CACHE_DIR": str(folder or ""),
         "CACHE_LOCATOR_CLASSES": f"{__name__}.{KernelLocator.__name__}",
     }
     previous = {name: getattr(numba_config, name, "") for name in settings}
@@ -58,7 +60,9 @@ def dispatcher(function: Callable[..., Any], folder: Path, options: Mapping[str,
         # Said of each kernel, since else it would pass from a kernel to those that it calls.
         chosen = {key: value for key, value in options.items() if UNCOUNTED or key != "_nrt"}
         return njit(
-            cache=True, error_model="numpy", **{"forceinline": False, **UNCOUNTED, **chosen}
+            cache=folder is not None,
+            error_model="numpy",
+            **{"forceinline": False, **UNCOUNTED, **chosen},
         )(function)
     finally:
         for name, value in previous.items():
