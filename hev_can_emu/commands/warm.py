@@ -21,6 +21,8 @@ def execute(arguments: argparse.Namespace) -> int:
     from hev_can_emu.runtime.setup import Setup
     from hev_can_emu.runtime.signal_log import SignalLog
     from hev_can_emu.scenario.warming import warm_scenario_kernels
+    from hev_can_emu.telemetry.candump import format_candump
+    from hev_can_emu.telemetry.table import Network, rows_of
 
     with compiling(arguments.quiet):
         for model in ("16dof", "detailed"):  # 4dof has the kernels of 16dof
@@ -31,6 +33,8 @@ def execute(arguments: argparse.Namespace) -> int:
             log.series("EM2Speed")
         emulator.ledger()
         bits_of(frames)
+        format_candump(frames)
+        rows_of(Network(emulator.database, emulator.constants.codec), frames)
         warm_scenario_kernels()
     if not arguments.quiet:
         taken_s = time.monotonic() - started_s

@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hev_can_emu.jit import kernel
-from hev_can_emu.messages.frame import BRS, ERROR, EXTENDED, FD, REMOTE
+from hev_can_emu.messages.frame import BRS, ERROR, EXTENDED, FD, REMOTE, make_frames
 from hev_can_emu.native import native
 
 Text = npt.NDArray[np.uint8]
@@ -51,6 +51,9 @@ class CandumpWriter:
         self._channel = channel
         self._file = path.open("wb", buffering=0)
         self._text = np.empty(_CHUNK * _longest(channel), dtype=np.uint8)
+        # What is called for the first time may take long: before the clock starts, not in it.
+        name = np.frombuffer(_name(channel), dtype=np.uint8)
+        native(write_lines, make_frames(0), epoch_ns, name, self._text)
 
     def write(self, frames: np.ndarray) -> None:
         """Append frames; raises OSError."""

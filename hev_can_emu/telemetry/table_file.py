@@ -7,6 +7,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
+from hev_can_emu.messages.frame import make_frames
 from hev_can_emu.telemetry.table import Network, Rows, merge, rows_of, truth_rows
 
 _CHUNK = 4096  #: frames decoded at a time; a row has a cell for every signal of the network
@@ -36,6 +37,9 @@ class TableFile:
         self._file = file
         self._network = network
         self._held: list[Rows] = []
+        rows_of(
+            network, make_frames(0)
+        )  # the first call may take long: now, before the clock starts
 
     def write(self, frames: npt.NDArray[np.void]) -> None:
         """Append frames; raises OSError."""
