@@ -17,6 +17,7 @@ from hev_can_emu.jit import BOUNDS_CHECKED, JIT_DISABLED, before_compiling, coun
 Array = npt.NDArray[np.float64]
 
 WIDTH = 8  #: values that are loaded at once
+CACHE_LINE = 8 * WIDTH  #: bytes
 
 
 def aligned(*shape: int) -> Array:

@@ -345,12 +345,7 @@ def look(bank: Bank, x: Array, state: Integers, u: Array, seen: Array) -> None:
     """
     nu, nz = u.shape[0], bank.held_columns.shape[2]
     nx, locks = bank.held_torque.shape[2] - nu, nu - N_PORTS
-    for i in range(nx):
-        seen[i] = x[i]
-    for i in range(nu):
-        seen[nx + i] = u[i]
-    for i in range(nx + nu, nz):
-        seen[i] = 0.0
+    _join(x, u, nx, seen[:nz])
     all_rows(bank.speeds, x, seen[SPEEDS:])
     combine(bank.held_columns, state[ROW], 0, seen, seen[CARRIED:])
     for lock in range(locks):

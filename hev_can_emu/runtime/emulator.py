@@ -58,7 +58,7 @@ from hev_can_emu.messages.restbus import (
 )
 from hev_can_emu.messages.transfer import receive_state_size, reset_receive
 from hev_can_emu.plant import driveline, powertrain
-from hev_can_emu.plant.columns import aligned, filled_up
+from hev_can_emu.plant.columns import CACHE_LINE, aligned, filled_up
 from hev_can_emu.plant.events import EVENT
 from hev_can_emu.plant.holding import MESH_EVENT
 from hev_can_emu.plant.ledger import Ledger
@@ -628,7 +628,7 @@ def _allocate(
     }
     # Each begins where a cache line does.
     sizes = {
-        name: filled_up(-(-int(np.prod(shape)) * kind.itemsize // 8)) * 8
+        name: filled_up(int(np.prod(shape)) * kind.itemsize, CACHE_LINE)
         for name, (kind, shape) in layout.items()
     }
     buffer = aligned(sum(sizes.values()) // 8).view(np.uint8)

@@ -19,12 +19,11 @@ from typing import Any, TypeVar
 import numpy as np
 
 from hev_can_emu.jit import JIT_DISABLED, cache_folder
-from hev_can_emu.plant.columns import aligned
+from hev_can_emu.plant.columns import CACHE_LINE, aligned, filled_up
 
 T = TypeVar("T")
 
 _KEPT = 20  #: entries of each kind, per version of the code
-_ALIGNED = 64
 _PACKAGE = __name__.partition(".")[0]
 
 
@@ -68,7 +67,7 @@ def _read(path: Path) -> Any:
 
 def _start(size: int) -> int:
     """Return where the arrays start in the file, after a description of ``size`` bytes."""
-    return -(-(40 + size) // _ALIGNED) * _ALIGNED
+    return filled_up(40 + size, CACHE_LINE)
 
 
 def _write(path: Path, value: Any) -> None:
@@ -86,7 +85,7 @@ def _described(value: Any, parts: list[bytes], at: list[int]) -> Any:
     if isinstance(value, np.ndarray):
         raw = np.ascontiguousarray(value).tobytes()
         place = at[0]
-        parts.append(raw + bytes(-len(raw) % _ALIGNED))
+        parts.append(raw + bytes(-len(raw) % CACHE_LINE))
         at[0] += len(parts[-1])
         return {"dtype": value.dtype.str, "shape": value.shape, "at": place}
     if isinstance(value, tuple):

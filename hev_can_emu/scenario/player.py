@@ -93,9 +93,8 @@ class Player:
         code, samples = self.program.tables.arrays()
         self.script = script.make_script(self.program.columns, code, len(shaped), samples)
         self._perform = script.bind_perform(self.script)
-        over_rows(
-            np.zeros((1, 2)), np.zeros((0, 1))
-        )  # what is called for the first time may take long
+        # What is called for the first time may take long: before the clock starts, not in it.
+        over_rows(np.zeros((1, 2)), np.zeros((0, 1)))
         self._watcher = Watcher(self.program.watches, self.script, self._resolve)
         self.script.control[script.ACTIVE] = 1
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from hev_can_emu.plant.events import EVENT
 from hev_can_emu.scenario.evaluation import CONSTANT, build
-from hev_can_emu.scenario.expression import over_rows, single
+from hev_can_emu.scenario.expression import over_rows
 from hev_can_emu.scenario.script import bind_perform, mark_events, no_script
 from hev_can_emu.scenario.weighting import weigh, weighting_filter
 
@@ -17,7 +17,6 @@ def warm_scenario_kernels() -> None:
     bind_perform(script)
     mark_events(script, np.zeros(1, dtype=EVENT), 0, 0)
     code = build([(CONSTANT, 1.0)])
-    single(code, vector)
     over_rows(code, np.zeros((1, 1)))
     sections = weighting_filter("Wk", 1e-3)
     weigh(sections, np.zeros((len(sections), 2)), vector)
