@@ -2,8 +2,8 @@
 
 What a long run calls from Python is bound to its arguments once, and then called through one table of int64:
 the addresses and shapes of all arrays, and the scalars.  Its object file is kept beside Numba's own cache,
-under a hash of the arguments' types, of the sources, of Numba, LLVM and the processor; LLVM alone loads it,
-in a twentieth of the time that Numba takes to start.  Where there is none yet, Numba makes it.
+under a hash of the arguments' types, of the sources, of Numba, LLVM and the processor; it is loaded in a
+thousandth of the time that Numba takes to start.  Where there is none yet, Numba makes it.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from hev_can_emu import machine_code
 from hev_can_emu.jit import (
     JIT_DISABLED,
     USUAL,
@@ -37,7 +38,8 @@ from hev_can_emu.jit import (
 _HEAD = 2  # words of the table before the arguments: the result, and the place of an error
 _STORED = USUAL and sys.platform == "linux"
 _PACKAGE = __name__.partition(".")[0]
-_MARK = b"hev-can-emu machine code 1\n"
+_MARK = b"hev-can-emu machine code 2\n"
+_TELLING = ("vendor_id", "cpu family", "model", "stepping", "flags")  # of a processor, to Linux
 _BY_REFERENCE = ctypes.PYFUNCTYPE(ctypes.c_int32, *[ctypes.c_void_p] * 3)
 _RELEASING = ctypes.CFUNCTYPE(ctypes.c_int32, *[ctypes.c_void_p] * 3)
 
@@ -216,47 +218,70 @@ def _make(function: Any, form: _Form, expressions: list[str], path: Path | None)
     compiled = function.dispatcher if isinstance(function, Kernel) else function
     names = {**form.names, "kernel": compiled, "int": np.int64}
     made = compile_entry(source, names, compiled.py_func.__module__)
-    if path is not None and all(_is_there(name) for name in made.needs):
+    if path is not None:
         _keep(path, made.symbol, made.needs, made.content)
     return _Code(made.address, made.library)
 
 
 @functools.cache
-def _machine() -> tuple[Any, str]:
-    """Return LLVM's target machine and what tells processors apart."""
-    import llvmlite
+def _machine() -> Any:
+    """Return LLVM's target machine."""
     import llvmlite.binding as llvm
 
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    machine = llvm.Target.from_default_triple().create_target_machine()
-    features = llvm.get_host_cpu_features().flatten()
-    return machine, f"{llvmlite.__version__} {llvm.get_host_cpu_name()} {features}"
+    return llvm.Target.from_default_triple().create_target_machine()
+
+
+@functools.cache
+def _processor() -> str:
+    """Return what tells processors apart, as Linux has it, which LLVM takes long to be asked for."""
+    told = {}
+    with contextlib.suppress(OSError, ValueError), open("/proc/cpuinfo", encoding="ascii") as lines:
+        for line in lines:
+            name, colon, value = line.partition(":")
+            if not colon:
+                break  # the next one's
+            told[name.strip()] = value.strip()
+    if all(told.get(name) for name in _TELLING):
+        return " ".join(told[name] for name in _TELLING)
+    import llvmlite.binding as llvm
+
+    return f"{llvm.get_host_cpu_name()} {llvm.get_host_cpu_features().flatten()}"
+
+
+@functools.cache
+def _llvm_version() -> str:
+    """Return what tells versions of llvmlite apart, without importing it."""
+    found = importlib.util.find_spec("llvmlite")
+    assert found is not None
+    assert found.origin is not None
+    return Path(found.origin).with_name("_version.py").read_text()
 
 
 def _path(function: Callable[..., Any], types: str) -> Path:
     module = function.__module__.partition(".")[2]
-    key = hashlib.sha256(f"{_machine()[1]} {_own()} {types}".encode()).hexdigest()[:16]
+    key = hashlib.sha256(f"{_processor()} {_llvm_version()} {_own()} {types}".encode()).hexdigest()[
+        :16
+    ]
     return cache_folder(module) / f"{function.__name__}-{key}.code"
 
 
 @functools.cache
 def _own() -> str:
-    """Return what tells versions of this module apart."""
-    return hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
+    """Return what tells versions of this module and the linker apart."""
+    both = (Path(__file__), Path(machine_code.__file__))
+    return hashlib.sha256(b"".join(each.read_bytes() for each in both)).hexdigest()
 
 
-def _is_there(symbol: str) -> bool:
-    """Return whether LLVM will find a function of this name; it ends the process where it does not."""
-    if hasattr(ctypes.CDLL(None), symbol):
-        return True
-    import llvmlite.binding as llvm
-
-    address = _run_time().get(symbol.removeprefix("NRT_"), 0)
-    if address and symbol.startswith("NRT_"):
-        llvm.add_symbol(symbol, address)
-        return True
-    return False
+def _address(symbol: str) -> int:
+    """Return where a function of this name is, 0 if nowhere."""
+    with contextlib.suppress(AttributeError):
+        found = getattr(ctypes.CDLL(None), symbol)
+        return ctypes.cast(found, ctypes.c_void_p).value or 0
+    if symbol.startswith("NRT_"):
+        return _run_time().get(symbol.removeprefix("NRT_"), 0)
+    return 0
 
 
 @functools.cache
@@ -298,22 +323,48 @@ def _load(path: Path) -> _Code | None:
     if check != _MARK + hashlib.sha256(content).digest():
         return None
     size = int.from_bytes(content[:4], "little")
-    told = json.loads(content[4 : 4 + size])
-    if not all(_is_there(name) for name in told["needs"]):
+    told, content = json.loads(content[4 : 4 + size]), content[4 + size :]
+    addresses = {name: _address(name) for name in told["needs"]}
+    if not all(addresses.values()):
         return None
+    if "symbol" in told:
+        return _load_object(content, told["symbol"], addresses)
+    length = told["length"]
+    places = np.frombuffer(content, dtype=np.int64, offset=length).reshape(2, -1)
+    image = machine_code.Image(
+        content[:length], told["fixed"], told["entry"], told["needs"], places
+    )
+    try:
+        return _Code(*machine_code.load(image, list(addresses.values())))
+    except OSError:
+        return None
+
+
+def _load_object(content: bytes, symbol: str, addresses: dict[str, int]) -> _Code | None:
     import llvmlite.binding as llvm
 
-    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _machine()[0])
-    engine.add_object_file(llvm.ObjectFileRef.from_data(content[4 + size :]))
+    for name, address in addresses.items():
+        # LLVM ends the process where it does not find one.
+        llvm.add_symbol(name, address)
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _machine())
+    engine.add_object_file(llvm.ObjectFileRef.from_data(content))
     engine.finalize_object()
-    address = engine.get_function_address(told["symbol"])
+    address = engine.get_function_address(symbol)
     return _Code(address, engine) if address else None
 
 
 def _keep(path: Path, symbol: str, needs: list[str], code: bytes) -> None:
-    """Store an object file in one piece, so that no other process reads half of it."""
-    told = json.dumps({"symbol": symbol, "needs": needs}).encode()
-    content = len(told).to_bytes(4, "little") + told + code
+    """Store machine code in one piece, so that no other process reads half of it."""
+    image = machine_code.link(code, symbol)
+    told: dict[str, Any] = {"symbol": symbol, "needs": needs}
+    if image is not None:
+        code = image.content + image.places.tobytes()
+        told = {"needs": image.needs, "fixed": image.fixed, "entry": image.entry}
+        told["length"] = len(image.content)
+    if not all(_address(name) for name in told["needs"]):
+        return
+    head = json.dumps(told).encode()
+    content = len(head).to_bytes(4, "little") + head + code
     with contextlib.suppress(OSError):
         handle, name = tempfile.mkstemp(dir=path.parent)
         with os.fdopen(handle, "wb") as file:

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from hev_can_emu.jit import kernel
+from hev_can_emu.machine_code import link
 from hev_can_emu.messages.frame import FRAME, make_frames
 from hev_can_emu.native import Bound, native
 
@@ -62,6 +63,30 @@ def test_code_is_kept_and_damaged_code_made_anew(tmp_path: Path) -> None:
         assert python(ROWS, cache=tmp_path) == f"{right} True"
         assert path.read_bytes()[:27] == whole[:27]
         assert python(ROWS, cache=tmp_path) == f"{right} False"
+
+
+@pytest.mark.parametrize(
+    ("spoiled", "kept"),
+    [
+        ("machine_code.link = lambda code, name: None", True),  # as where it is not for x86-64
+        ("native._processor = lambda: 'another'", True),
+        ("machine_code.load = refuse", False),
+    ],
+)
+def test_code_that_cannot_be_linked_or_run_is_left_to_llvm_or_made(
+    tmp_path: Path, spoiled: str, kept: bool
+) -> None:
+    head = "from hev_can_emu import machine_code, native\n"
+    head += "def refuse(image, addresses): raise PermissionError\n"
+    right = "[1.5, 3.5, 5.5]"
+    code = f"{head}{spoiled}\n{ROWS}"
+    assert python(code if kept else ROWS, cache=tmp_path) == f"{right} True"
+    assert python(code, cache=tmp_path) == f"{right} {not kept}"
+
+
+def test_only_objects_for_this_kind_of_machine_are_linked() -> None:
+    for code in (b"", b"\x7fELF", b"\x7fELF\x02\x01\x01" + bytes(60), b"MZ" * 100):
+        assert link(code, "entry") is None
 
 
 def test_a_car_starts_without_numba_and_in_the_same_state() -> None:
