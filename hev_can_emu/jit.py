@@ -15,10 +15,8 @@ from __future__ import annotations
 import atexit
 import contextlib
 import functools
-import hashlib
 import importlib.util
 import os
-import re
 import shutil
 import sys
 import tempfile
@@ -26,6 +24,8 @@ import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar, cast
+
+from hev_can_emu.sources import Sources
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -41,10 +41,6 @@ else:
 _PACKAGE = Path(__file__).resolve().parent
 _NAME = _PACKAGE.name
 _KEPT = 6  # folders of other versions of a module that are left alone
-_IMPORT = re.compile(
-    rf"^\s*(?:from {_NAME}([\w.]*) import (\([^)]*\)|[^\n]*)|import {_NAME}\.([\w.]+))",
-    re.MULTILINE,
-)
 
 
 @functools.cache
@@ -66,24 +62,6 @@ def cache_home() -> Path:
 
 
 @functools.cache
-def _source(module: str) -> tuple[bytes, tuple[str, ...]]:
-    """Return a module's source and the modules of this package that it imports; empty for no module."""
-    path = _PACKAGE.joinpath(*module.split("."))
-    path = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
-    if not path.is_file():
-        return b"", ()
-    text = path.read_bytes()
-    found = set()
-    for parent, names, whole in _IMPORT.findall(text.decode()):
-        start = parent.lstrip(".") or whole
-        if start:
-            found.add(start)
-        for name in re.findall(r"\w+", re.sub(r"#.*|\bas \w+", "", names)):
-            found.add(f"{start}.{name}" if start else name)
-    return text, tuple(found)
-
-
-@functools.cache
 def _compiler_version() -> bytes:
     """Return what tells versions of Numba apart, without importing it."""
     found = importlib.util.find_spec("numba")
@@ -92,27 +70,18 @@ def _compiler_version() -> bytes:
     return Path(found.origin).with_name("_version.py").read_bytes()
 
 
-def _digest(module: str) -> str:
-    """Return a hash of all that the compiled code of a module depends on."""
-    reached, waiting = {module}, [module]
-    while waiting:
-        for other in _source(waiting.pop())[1]:
-            if other not in reached and _source(other)[0]:
-                reached.add(other)
-                waiting.append(other)
-    digest = hashlib.sha256()
-    for each in sorted(reached):
-        text = _source(each)[0]
-        digest.update(f"{each} {len(text)}\n".encode())
-        digest.update(text)
-    digest.update(_compiler_version() + f" {BOUNDS_CHECKED}".encode())
-    return digest.hexdigest()[:16]
+@functools.cache
+def _sources() -> tuple[Sources, dict[str, str]]:
+    """Return the sources, and the hash for each module of all that its compiled code follows from."""
+    sources = Sources(_PACKAGE, _compiler_version() + f" {BOUNDS_CHECKED}".encode())
+    return sources, sources.digests(cache_home())
 
 
 @functools.cache
 def cache_folder(module: str) -> Path:
     """Return the folder for the compiled kernels of one module, named without the package."""
-    folder = cache_home() / module / _digest(module)
+    sources, digests = _sources()
+    folder = cache_home() / module / (digests.get(module) or sources.digest(module))
     with contextlib.suppress(OSError):  # Numba says so where it cannot write
         folder.mkdir(parents=True, exist_ok=True)
         os.utime(folder)

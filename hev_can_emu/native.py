@@ -15,10 +15,8 @@ import hashlib
 import importlib.machinery
 import importlib.util
 import json
-import os
 import struct
 import sys
-import tempfile
 import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -34,6 +32,7 @@ from hev_can_emu.jit import (
     cache_folder,
     ready_compiler,
 )
+from hev_can_emu.kept_file import keep
 
 _HEAD = 2  # words of the table before the arguments: the result, and the place of an error
 _STORED = USUAL and sys.platform == "linux"
@@ -354,7 +353,7 @@ def _load_object(content: bytes, symbol: str, addresses: dict[str, int]) -> _Cod
 
 
 def _keep(path: Path, symbol: str, needs: list[str], code: bytes) -> None:
-    """Store machine code in one piece, so that no other process reads half of it."""
+    """Store machine code."""
     image = machine_code.link(code, symbol)
     told: dict[str, Any] = {"symbol": symbol, "needs": needs}
     if image is not None:
@@ -365,8 +364,4 @@ def _keep(path: Path, symbol: str, needs: list[str], code: bytes) -> None:
         return
     head = json.dumps(told).encode()
     content = len(head).to_bytes(4, "little") + head + code
-    with contextlib.suppress(OSError):
-        handle, name = tempfile.mkstemp(dir=path.parent)
-        with os.fdopen(handle, "wb") as file:
-            file.write(_MARK + hashlib.sha256(content).digest() + content)
-        os.replace(name, path)
+    keep(path, _MARK + hashlib.sha256(content).digest() + content)

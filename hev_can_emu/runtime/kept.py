@@ -10,8 +10,6 @@ import contextlib
 import hashlib
 import importlib
 import json
-import os
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -19,6 +17,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from hev_can_emu.jit import JIT_DISABLED, cache_folder
+from hev_can_emu.kept_file import keep
 from hev_can_emu.plant.columns import CACHE_LINE, aligned, filled_up
 
 T = TypeVar("T")
@@ -43,11 +42,7 @@ def kept(module: str, name: str, key: bytes, make: Callable[[], T]) -> T:
         found: T = _read(path)
         return found
     made = make()
-    with contextlib.suppress(OSError):
-        _write(path, made)
-        entries = sorted(path.parent.glob(f"{name}-*.kept"), key=lambda each: each.stat().st_mtime)
-        for old in entries[:-_KEPT]:
-            old.unlink()
+    keep(path, _written(made), f"{name}-*.kept", _KEPT)
     return made
 
 
@@ -70,15 +65,12 @@ def _start(size: int) -> int:
     return filled_up(40 + size, CACHE_LINE)
 
 
-def _write(path: Path, value: Any) -> None:
+def _written(value: Any) -> bytes:
     parts: list[bytes] = []
     form = json.dumps(_described(value, parts, [0])).encode()
     rest = len(form).to_bytes(8, "little") + form
     rest += bytes(_start(len(form)) - 32 - len(rest)) + b"".join(parts)
-    handle, name = tempfile.mkstemp(dir=path.parent)
-    with os.fdopen(handle, "wb") as file:
-        file.write(hashlib.sha256(rest).digest() + rest)
-    os.replace(name, path)
+    return hashlib.sha256(rest).digest() + rest
 
 
 def _described(value: Any, parts: list[bytes], at: list[int]) -> Any:

@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import os
-import tempfile
 from collections.abc import Collection
 from pathlib import Path
 
 import msgspec
 
 from hev_can_emu.jit import cache_folder
+from hev_can_emu.kept_file import keep
 from hev_can_emu.messages.database import Database, load_database
 from hev_can_emu.messages.definitions import MessageDef
 
@@ -39,17 +38,7 @@ def cached_database(path: Path, leave_out: Collection[str] = ()) -> Database:
         found = msgspec.msgpack.decode(entry.read_bytes(), type=_Entry)
         return Database(path=path, nodes=found.nodes, messages=found.messages)
     database = load_database(path, leave_out)
-    _keep(entry, msgspec.msgpack.encode(_Entry(database.nodes, database.messages)))
+    keep(
+        entry, msgspec.msgpack.encode(_Entry(database.nodes, database.messages)), "*.network", _KEPT
+    )
     return database
-
-
-def _keep(entry: Path, content: bytes) -> None:
-    """Write an entry in one piece, so that no other process reads half of it; remove the oldest."""
-    with contextlib.suppress(OSError):
-        handle, name = tempfile.mkstemp(dir=entry.parent)
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-        os.replace(name, entry)
-        entries = sorted(entry.parent.glob("*.network"), key=lambda each: each.stat().st_mtime)
-        for old in entries[:-_KEPT]:
-            old.unlink()

@@ -1,0 +1,28 @@
+"""Files of the user's cache folder: there as a whole, or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import tempfile
+from pathlib import Path
+
+
+def keep(path: Path, content: bytes, alike: str = "", most: int = 0) -> None:
+    """Write a file in one piece, so that no other process reads half of it; do nothing where that fails.
+
+    Args:
+        path: of the file, in a folder that should be there.
+        content: what to write.
+        alike: pattern of the names of files beside it that count as alike; none of them counts if empty.
+        most: how many of those may stay, the newest.
+    """
+    with contextlib.suppress(OSError):
+        handle, name = tempfile.mkstemp(dir=path.parent)
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+        os.replace(name, path)
+        if alike:
+            entries = sorted(path.parent.glob(alike), key=lambda each: each.stat().st_mtime)
+            for old in entries[:-most]:
+                old.unlink()
