@@ -119,29 +119,33 @@ def test_candump_lines_are_those_of_can_utils() -> None:
         st.tuples(
             st.integers(0, 0x1FFF_FFFF),
             st.booleans(),
-            st.binary(max_size=8),
-            st.integers(0, 10**12),
+            st.one_of(st.binary(max_size=8), st.binary(max_size=64)),
+            st.one_of(st.integers(0, 10**12), st.integers(0, 10**16 - 1)),
             st.integers(0, 2),
         ),
         min_size=1,
         max_size=20,
-    )
+    ),
+    st.sampled_from(["vcan0", "c", "can_of_16_letters", "fünf"]),
 )
 def test_candump_agrees_with_a_line_by_line_writer(
-    rows: list[tuple[int, bool, bytes, int, int]],
+    rows: list[tuple[int, bool, bytes, int, int]], first: str
 ) -> None:
     frames = make_frames(len(rows))
     lines = []
     for at, (can_id, extended, data, t_us, channel) in enumerate(rows):
         can_id &= 0x1FFF_FFFF if extended else 0x7FF
-        frames[at : at + 1] = frame(can_id, data, t_us * 1000 + 999, EXTENDED if extended else 0)
+        t_us %= 9 * 10**15  # what 64 bits of nanoseconds hold
+        fd = len(data) > 8
+        flags = (EXTENDED if extended else 0) | (FD if fd else 0)
+        frames[at : at + 1] = frame(can_id, data, t_us * 1000 + 999, flags)
         frames[at]["channel"] = channel
-        name = f"can{channel}" if channel else "vcan0"
+        name = f"can{channel}" if channel else first
         digits = 8 if extended else 3
         seconds, rest = divmod(t_us, 10**6)
-        text = data.hex().upper()
+        text = f"{'#0' if fd else ''}{data.hex().upper()}"
         lines.append(f"({seconds:010d}.{rest:06d}) {name} {can_id:0{digits}X}#{text}\n")
-    assert format_candump(frames).decode() == "".join(lines)
+    assert format_candump(frames, channel=first).decode() == "".join(lines)
 
 
 @pytest.mark.parametrize("ending", FORMATS)
