@@ -20,6 +20,8 @@ from numba.core import types as untyped_types
 from numba.extending import intrinsic
 from numba.np import arrayobj
 
+from hev_can_emu import numba_indices
+
 # Its attributes are made at run time, out of a type checker's sight.
 numba_config: Any = numba.core.config
 locators: Any = numba.core.caching
@@ -33,6 +35,9 @@ BOUNDS_CHECKED = bool(numba_config.BOUNDSCHECK)
 # Without Numba's own run time references to arrays are not counted, which would cost several times the
 # work where tuples of arrays are handed on.  Not a public option: a Numba without it is slower, no more.
 UNCOUNTED = {"_nrt": False} if hasattr(numba.core.options.DefaultOptions, "_nrt") else {}
+
+
+numba_indices.install()
 
 
 class KernelLocator(locators.UserProvidedCacheLocator):  # type: ignore[misc]
