@@ -61,10 +61,12 @@ GOOD_RUN = 8  # good frames in a row, since the loss
 BAD_RUN = 9  # bad frames in a row
 TOLD = 10  # what the trouble codes know in this operation cycle: NOTHING, PASSED, FAILED
 REASON = 11  # of the loss
-COUNTS = 12
+CALM_NS = 12  # until then nothing about the message changes, unless a frame of it comes
+COUNTS = 13
 COLUMNS = COUNTS + N_REASONS
 
 NEVER_NS = -(1 << 62)
+EVER_NS = (1 << 63) - 1
 
 NEVER, WELL, SUSPECT, LOST_PHASE, HEALING = range(5)  #: phases of a message
 PHASE_NAMES = ("never received", "good", "suspect", "lost", "healing")
@@ -109,6 +111,7 @@ def reset_supervision(state: Integers) -> None:
         state[message, GOOD_NS] = NEVER_NS
         state[message, LOST_NS] = NEVER_NS
         state[message, BAD_NS] = NEVER_NS
+        state[message, CALM_NS] = NEVER_NS
         state[message, STATUS] = ports.REQUEST_NEVER
 
 
@@ -156,6 +159,8 @@ def take_message(
         if asks:
             since = t_ns - state[message, GOOD_NS] if state[message, GOOD_NS] != NEVER_NS else -1
             reason = defect(ties, rules, message, values, requests, statuses, since)
+    calm = asks and reason == R_OK and state[message, CALM_NS] != NEVER_NS
+    state[message, CALM_NS] = t_ns + ties.timeout_ns[message] if calm else NEVER_NS
     if reason != R_OK:
         state[message, BAD_NS] = t_ns
         state[message, BAD_REASON] = reason
@@ -236,6 +241,7 @@ def begin_cycle(state: Integers, codes: Integers, t_ns: int) -> None:
     """Begin an operation cycle: the ignition was switched on."""
     for message in range(state.shape[0]):
         state[message, TOLD] = _NOTHING
+        state[message, CALM_NS] = NEVER_NS
         for monitor in range(codes.shape[1]):
             code_event(codes[message, monitor], trouble_codes.CYCLE_BEGINS, 1, t_ns)
 
@@ -263,6 +269,29 @@ def _watch_unit(
             effective[port] = np.nan
             share[port] = GONE
     return status
+
+
+@kernel
+def _calm_until(
+    ties: ResolvedBindings,
+    rules: Rules,
+    state: Integers,
+    message: int,
+    requests: Array,
+    operating: bool,
+) -> int:
+    """Return until when nothing about a message that is not lost can change without a frame of it."""
+    good = state[message, GOOD_NS]
+    if ties.supervised[message] == 1:
+        known = rules.number[message] == 0 or not operating or state[message, TOLD] == _PASSED
+        if state[message, PHASE] == WELL and state[message, BAD_RUN] == 0 and known:
+            return int(good + ties.timeout_ns[message])
+        return NEVER_NS
+    for tie in range(ties.rx_start[message], ties.rx_start[message + 1]):
+        port = ties.rx_port[tie]
+        if LOSABLE[port] == 1 and math.isnan(requests[port]):
+            return NEVER_NS
+    return int(good + ties.silence_ns[message]) if ties.silence_ns[message] > 0 else EVER_NS
 
 
 @inlined_kernel
@@ -303,8 +332,8 @@ def watch(
         events, n_events: event records.
 
     Returns:
-        The number of supervised messages that are not good, of event records, and whether a trouble
-        code has changed.
+        The number of supervised messages that are not good, of event records, whether a trouble code
+        has changed, and until when all this stays as it is if no frame comes.
     """
     for port in range(requests.shape[0]):
         effective[port] = requests[port]
@@ -314,7 +343,11 @@ def watch(
     failed = 0
     changed = False
     clutch = GOOD
+    calm_ns: Any = np.int64(EVER_NS if rules.slew_tie.shape[0] == 0 else NEVER_NS)
     for message in rules.watched:
+        if t_ns <= state[message, CALM_NS]:
+            calm_ns = min(calm_ns, state[message, CALM_NS])
+            continue
         supervised = ties.supervised[message] == 1
         limit = ties.timeout_ns[message]
         if supervised:
@@ -368,10 +401,15 @@ def watch(
             failed += 1
         if ties.status_port[message] >= 0:
             statuses[ties.status_port[message]] = STATUS_OF[reason]
+        calm = NEVER_NS
+        if reason == R_OK and not lost:
+            calm = _calm_until(ties, rules, state, message, requests, operating)
+        state[message, CALM_NS] = calm
+        calm_ns = min(calm_ns, calm)
     if clutch < GOOD:
         open_clutch(effective, share, clutch)
     _slew(ties, rules, effective, share, limited, slewed)
-    return failed, n_events, changed
+    return failed, n_events, changed, calm_ns
 
 
 @kernel

@@ -310,10 +310,13 @@ def encode(
     row = codec.messages[message]
     if row[M_QUICK] != 0:
         word, unusual = quick_word(
-            codec.ranges, codec.places, codec.signals.shape[0], row[M_FIRST], row[M_COUNT],
-            values, on_bus_values,
+            codec.ranges, codec.places, codec.signals.shape[0], row[M_FIRST], row[M_COUNT], values
         )  # fmt: skip
         if unusual == 0:
+            quick_values(
+                codec.ranges, 0, codec.places, 0, codec.signals.shape[0], row[M_FIRST],
+                row[M_COUNT], word, on_bus_values, 0,
+            )  # fmt: skip
             for n in range(row[M_WIRE_LENGTH]):
                 data[n] = np.uint8(word & np.uint64(255))
                 word >>= np.uint64(8)

@@ -13,7 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hev_can_emu.jit import kernel
+from hev_can_emu.jit import inlined_kernel, kernel, small_kernel, uncompiled
+from hev_can_emu.messages import word_protection as words
 from hev_can_emu.messages.crc import crc_table
 from hev_can_emu.messages.protection_spec import DATA_ID_MODES, DATA_ID_POSITIONS, ProtectionSpec
 
@@ -68,16 +69,25 @@ class Protection(NamedTuple):
     """The protection of all messages of a database.
 
     ``layout``: int64 (messages, P_COLUMNS); ``data_ids``: int64 (messages, 16), the data ID lists;
-    ``tables``: uint16 (messages, 256), the CRC remainders: a quarter of the cache that int64 would take.
+    ``tables``: uint16 (messages, 256), the CRC remainders: a quarter of the cache that int64 would take;
+    ``words``: int64 (messages, word_protection.G_COLUMNS), for messages that are one 64-bit word, and
+    ``remainders``: uint16, what bytes add to their CRCs.
     """
 
     layout: np.ndarray
     data_ids: np.ndarray
     tables: np.ndarray
+    words: np.ndarray
+    remainders: np.ndarray
 
 
-def build_protection(specs: Sequence[ProtectionSpec | None]) -> Protection:
-    """Return the table for messages with these declarations (None: unprotected), in message order."""
+def build_protection(
+    specs: Sequence[ProtectionSpec | None], lengths: Sequence[int] | None = None
+) -> Protection:
+    """Return the table for messages with these declarations (None: unprotected), in message order.
+
+    ``lengths``: of the messages, in bytes; those of up to 8 are then treated as words, which is faster.
+    """
     count = len(specs)
     layout = np.zeros((count, P_COLUMNS), dtype=np.int64)
     data_ids = np.zeros((count, 16), dtype=np.int64)
@@ -113,7 +123,62 @@ def build_protection(specs: Sequence[ProtectionSpec | None]) -> Protection:
             data_ids[row] = spec.data_id_list
         if crc.width:
             tables[row] = crc_table(crc.width, crc.polynomial, crc.reflected)
-    return Protection(layout, data_ids, tables)
+    rows = np.zeros((count, words.G_COLUMNS), dtype=np.int64)
+    remainders = words.Remainders()
+    for row, (spec, length) in enumerate(zip(specs, lengths or [], strict=lengths is not None)):
+        if spec is not None and length <= 8:
+            rows[row] = _word_row(spec, length, remainders, layout, data_ids, tables, row)
+    return Protection(layout, data_ids, tables, rows, remainders.flat())
+
+
+def _word_row(
+    spec: ProtectionSpec,
+    length: int,
+    remainders: words.Remainders,
+    layout: np.ndarray,
+    data_ids: np.ndarray,
+    tables: np.ndarray,
+    message: int,
+) -> np.ndarray:
+    """Return a message's row for :mod:`.word_protection`, zeros where it is not possible."""
+    row = np.zeros(words.G_COLUMNS, dtype=np.int64)
+    crc, bits = spec.effective_crc, spec.counter_bits
+    if not words.is_one_field(spec.counter_bit, bits, spec.is_counter_big_endian):
+        return row
+    own = range(spec.crc_bit // 8, spec.crc_bit // 8 + crc.width // 8)
+    end = crc.last_byte + 1 if crc.last_byte >= 0 else length
+    covered = [n for n in range(crc.first_byte, end) if crc.own_as_zero or n not in own]
+    chosen_by_counter = layout[message, P_FROM_LIST] != 0
+    ids = 1 if chosen_by_counter or layout[message, P_MODE] in (_ALTERNATING, _LOW) else 2
+    counter_mask, crc_mask = (1 << bits) - 1, (1 << crc.width) - 1
+    nibble_mask = 0xF << spec.nibble_bit if spec.sends_nibble else 0
+    taken = counter_mask << spec.counter_bit | nibble_mask
+    row[words.G_ON] = 1
+    row[words.G_COUNTER_SHIFT], row[words.G_COUNTER_MASK] = spec.counter_bit, counter_mask
+    row[words.G_MODULUS], row[words.G_MAX_DELTA] = spec.counter_modulus, spec.max_delta_counter
+    if spec.sends_nibble:
+        row[words.G_NIBBLE] = _signed((spec.data_id >> 8 & 0xF) << spec.nibble_bit)
+        row[words.G_NIBBLE_MASK] = _signed(nibble_mask)
+    if crc.width:
+        taken |= crc_mask << 8 * own.start
+        row[words.G_CRC_SHIFT], row[words.G_CRC_MASK] = 8 * own.start, crc_mask
+        row[words.G_SWAP] = crc.width == 16 and crc.big_endian
+        begin = remainders.begin(crc.width, crc.polynomial, crc.reflected)
+        after = ids if layout[message, P_POSITION] == _SUFFIX else 0
+        row[words.G_OFFSETS : words.G_OFFSETS + 8] = words.offsets_of(covered, after, begin)
+        zeros = np.zeros(8, dtype=np.uint8)
+        with uncompiled():
+            for counter in range(16):
+                row[words.G_STARTS + counter] = _compute_crc(
+                    layout, data_ids, tables, message, zeros, 0, length, counter
+                )
+    row[words.G_KEEP] = _signed(~taken & (1 << 64) - 1)
+    return row
+
+
+def _signed(word: int) -> int:
+    """Return the int64 of a 64-bit pattern."""
+    return word - (1 << 64) if word >> 63 else word
 
 
 def _position(spec: ProtectionSpec) -> Any:
@@ -302,6 +367,14 @@ def check(
             layout, protection.data_ids, protection.tables, message, data, 0, length, counter
         ):
             return CRC_WRONG
+    return _in_sequence(counter, bits, modulus, layout[message, P_MAX_DELTA], counter_state)
+
+
+@small_kernel
+def _in_sequence(
+    counter: int, bits: int, modulus: int, max_delta: int, counter_state: np.ndarray
+) -> Any:
+    """Return the code of an intact message from its counter, and advance ``counter_state``."""
     last = counter_state[0]
     counter_state[0] = counter
     if last == NEVER:
@@ -311,9 +384,22 @@ def check(
     step = (counter - last) % modulus
     if step == 0:
         return COUNTER_REPEATED
-    if step > layout[message, P_MAX_DELTA]:
+    if step > max_delta:
         return COUNTER_JUMP
     return OK
+
+
+@inlined_kernel
+def check_word(protection: Protection, message: int, word: Any, counter_state: np.ndarray) -> Any:
+    """Do what :func:`check` does to a message that is a word (uint64), with a row in ``protection.words``."""
+    counter = words.word_counter(protection.words, protection.remainders, message, word)
+    if counter < 0:
+        return CRC_WRONG
+    row = protection.words[message]
+    return _in_sequence(
+        counter, row[words.G_COUNTER_MASK], row[words.G_MODULUS], row[words.G_MAX_DELTA],
+        counter_state,
+    )  # fmt: skip
 
 
 @kernel

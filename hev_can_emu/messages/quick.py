@@ -1,9 +1,9 @@
 """The usual case, many signals at a time: integer signals of messages of up to 8 bytes.
 
-Loops without a branch, which the compiler turns into vector instructions: values to bit patterns, patterns
-into the message's 64-bit word, and back.  Whatever is out of the ordinary (a value out of
-range, one that would become the not-available pattern) is counted only: encoding then goes the long way,
-:func:`hev_can_emu.messages.codec.encode_signals`, for that message.
+Vector instructions (of :mod:`.word_vectors`, or loops without a branch that the compiler turns into such):
+values to bit patterns, patterns into the message's 64-bit word, and back.  Whatever is out of the ordinary (a
+value out of range, one that would become the not-available pattern) is counted only: encoding then goes
+the long way, :func:`hev_can_emu.messages.codec.encode_signals`, for that message.
 
 Rounding: adding 1.5 * 2**52 to a number below 2**51 rounds it to the nearest integer, ties to even, and
 leaves that integer in the low bits of the sum, in two's complement.
@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from hev_can_emu.jit import inlined_kernel, kernel
+from hev_can_emu.jit import BOUNDS_CHECKED, JIT_DISABLED, before_compiling, inlined_kernel, kernel
 from hev_can_emu.messages.columns import (
     F_HIGH,
     F_LOW,
@@ -52,8 +52,8 @@ B_ROWS = 7
 NOT_QUICK, LITTLE, BIG, MIXED = range(4)  #: how a message's word is put together
 
 _LONGEST = 51
-_ROUNDER = 6755399441055744.0  # 1.5 * 2**52
-_HIGH_BITS = 0x4330000000000000  # of the float64 2**52, whose low bits count in ones
+ROUNDER = 6755399441055744.0  # 1.5 * 2**52
+HIGH_BITS = 0x4330000000000000  # of the float64 2**52, whose low bits count in ones
 _ALL = (1 << 64) - 1
 
 
@@ -117,8 +117,8 @@ def _make_patterns(
     unusual: Any = np.int64(0)
     for n in range(given.shape[0]):
         value = given[n]
-        shifted = (value - offset[n]) / scale[n] + _ROUNDER
-        raw = shifted - _ROUNDER
+        shifted = (value - offset[n]) / scale[n] + ROUNDER
+        raw = shifted - ROUNDER
         pattern = np.float64(shifted).view(np.uint64) & mask[n]
         unusual += np.int64(raw < low[n]) + np.int64(raw > high[n])
         unusual += np.int64(pattern == forbidden[n])
@@ -171,72 +171,35 @@ def quick_patterns(
     )
 
 
-@inlined_kernel
 def quick_word(
-    ranges: np.ndarray,
-    places: np.ndarray,
-    stride: int,
-    first: int,
-    count: int,
-    values: np.ndarray,
-    on_bus_values: np.ndarray,
+    ranges: np.ndarray, places: np.ndarray, stride: int, first: int, count: int, values: np.ndarray
 ) -> Any:
     """Return a message's 64-bit word, little-endian, and how many values are out of the ordinary.
 
-    For one message at a time: so few signals are not worth the vector instructions of
-    :func:`quick_patterns`.  For the arrays see there; both vectors of values start with signal 0.
+    For one message at a time.  For the arrays see :func:`quick_patterns`; they start with signal 0.
     """
     step = np.uint64(stride)
-    at = np.uint64(first)  # unsigned: no look for indices counted from the end
+    at = np.uint64(first)
     word: Any = np.uint64(0)
     big_word: Any = np.uint64(0)
     unusual: Any = np.int64(0)
     for n in range(count):
         i = at + np.uint64(n)
         value = values[i]
-        scale = ranges[i]
         offset = ranges[i + np.uint64(Q_OFFSET) * step]
-        shifted = (value - offset) / scale + _ROUNDER
-        raw = shifted - _ROUNDER
+        shifted = (value - offset) / ranges[i] + ROUNDER
+        raw = shifted - ROUNDER
         pattern = np.float64(shifted).view(np.uint64) & places[i]
-        unusual += np.int64(raw < ranges[i + np.uint64(Q_LOW) * step])
-        unusual += np.int64(raw > ranges[i + np.uint64(Q_HIGH) * step])
-        unusual += np.int64(pattern == places[i + np.uint64(B_NA) * step])
-        seen = raw * scale + offset
+        outside = raw < ranges[i + np.uint64(Q_LOW) * step]
+        outside |= raw > ranges[i + np.uint64(Q_HIGH) * step]
+        unusual += np.int64(outside or pattern == places[i + np.uint64(B_NA) * step])
         if value != value:  # NaN
             pattern = places[i + np.uint64(B_MISSING) * step]
-            seen = ranges[i + np.uint64(Q_MISSING) * step]
-        on_bus_values[i] = seen
         placed = pattern << places[i + np.uint64(B_SHIFT) * step]
         big = places[i + np.uint64(B_BIG) * step]
         big_word |= placed & big
         word |= placed & ~big
     return word | swap_bytes(big_word), unusual
-
-
-@inlined_kernel
-def count_outside(
-    ranges: np.ndarray, places: np.ndarray, stride: int, first: int, count: int, word: Any
-) -> Any:
-    """Return how many signals of a message's word lie outside their declared range.
-
-    Not-available values are no such case; labelled ones count.
-    """
-    step = np.uint64(stride)
-    at = np.uint64(first)
-    swapped = swap_bytes(word)
-    outside: Any = np.int64(0)
-    for n in range(count):
-        i = at + np.uint64(n)
-        big = places[i + np.uint64(B_BIG) * step]
-        source = (swapped & big) | (word & ~big)
-        pattern = (source >> places[i + np.uint64(B_SHIFT) * step]) & places[i]
-        lifted = (pattern ^ places[i + np.uint64(B_SIGN) * step]) | np.uint64(_HIGH_BITS)
-        raw = np.uint64(lifted).view(np.float64) - ranges[i + np.uint64(Q_ZERO) * step]
-        beyond = np.int64(raw < ranges[i + np.uint64(Q_LOW) * step])
-        beyond += np.int64(raw > ranges[i + np.uint64(Q_HIGH) * step])
-        outside += beyond * np.int64(pattern != places[i + np.uint64(B_NA) * step])
-    return outside
 
 
 @kernel
@@ -259,7 +222,6 @@ def join(
     return swap_bytes(word) if order == BIG else word
 
 
-@inlined_kernel
 def quick_values(
     ranges: np.ndarray,
     at_ranges: int,
@@ -271,31 +233,37 @@ def quick_values(
     word: Any,
     values: np.ndarray,
     at_values: int,
-) -> None:
+) -> Any:
     """Write the physical values of a message's signals from its 64-bit word, little-endian.
 
     A pattern with its sign bit turned over, put into the low bits of 2**52, is a float64 that exceeds
     the raw value by 2**52 and the sign bit's weight.
+
+    Returns:
+        How many signals lie outside their declared range.  Not-available values are no such case;
+        labelled ones count.
     """
     step = np.uint64(stride)
-    scales = np.uint64(at_ranges + first)
-    offsets = scales + step
-    zeros = scales + np.uint64(Q_ZERO) * step
+    numbers = np.uint64(at_ranges + first)
     masks = np.uint64(at_places + first)
-    nas = masks + step
-    shifts = masks + np.uint64(B_SHIFT) * step
-    bigs = masks + np.uint64(B_BIG) * step
-    signs = masks + np.uint64(B_SIGN) * step
     taken = np.uint64(at_values + first)
     swapped = swap_bytes(word)
+    beyond: Any = np.int64(0)
     for n in range(count):
         i = np.uint64(n)
-        source = (swapped & places[bigs + i]) | (word & ~places[bigs + i])
-        pattern = (source >> places[shifts + i]) & places[masks + i]
-        lifted = (pattern ^ places[signs + i]) | np.uint64(_HIGH_BITS)
-        raw = np.uint64(lifted).view(np.float64) - ranges[zeros + i]
-        value = raw * ranges[scales + i] + ranges[offsets + i]
-        values[taken + i] = np.nan if pattern == places[nas + i] else value
+        number, mask = numbers + i, masks + i
+        big = places[mask + np.uint64(B_BIG) * step]
+        source = (swapped & big) | (word & ~big)
+        pattern = (source >> places[mask + np.uint64(B_SHIFT) * step]) & places[mask]
+        lifted = (pattern ^ places[mask + np.uint64(B_SIGN) * step]) | np.uint64(HIGH_BITS)
+        raw = np.uint64(lifted).view(np.float64) - ranges[number + np.uint64(Q_ZERO) * step]
+        value = raw * ranges[number] + ranges[number + np.uint64(Q_OFFSET) * step]
+        missing = pattern == places[mask + np.uint64(B_NA) * step]
+        values[taken + i] = np.nan if missing else value
+        outside = raw < ranges[number + np.uint64(Q_LOW) * step]
+        outside |= raw > ranges[number + np.uint64(Q_HIGH) * step]
+        beyond += np.int64(outside and not missing)
+    return beyond
 
 
 @kernel
@@ -306,3 +274,41 @@ def swap_bytes(word: Any) -> Any:
     pairs = np.uint64(0x0000FFFF0000FFFF)
     word = ((word & pairs) << np.uint64(16)) | ((word >> np.uint64(16)) & pairs)
     return (word << np.uint64(32)) | (word >> np.uint64(32))
+
+
+def show_signals(
+    source: np.ndarray, target: np.ndarray, seen_ns: np.ndarray, first: int, count: int, t_ns: int
+) -> None:
+    """Copy the values of ``count`` signals from ``first`` on, and note the time at which they were seen."""
+    for s in range(first, first + count):
+        target[s] = source[s]
+        seen_ns[s] = t_ns
+
+
+def reached(times: np.ndarray, start: int, t_ns: int) -> Any:
+    """Return, as bits, which of eight times from ``start`` on are not after ``t_ns``."""
+    bits: Any = np.int64(0)
+    for n in range(8):
+        if times[start + n] <= t_ns:
+            bits |= 1 << n
+    return bits
+
+
+def lowest(bits: int) -> Any:
+    """Return the number of the lowest bit that is set; one is."""
+    n: Any = np.int64(0)
+    while (bits >> n) & 1 == 0:
+        n += 1
+    return n
+
+
+def _compile_vectors() -> None:
+    import hev_can_emu.messages.word_vectors  # noqa: F401
+
+
+if BOUNDS_CHECKED:
+    quick_word, quick_values = inlined_kernel(quick_word), inlined_kernel(quick_values)
+    show_signals, reached = inlined_kernel(show_signals), inlined_kernel(reached)
+    lowest = inlined_kernel(lowest)
+elif not JIT_DISABLED:
+    before_compiling(_compile_vectors)

@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hev_can_emu.jit import inlined_kernel, kernel
+from hev_can_emu.jit import inlined_kernel, kernel, small_kernel
 from hev_can_emu.messages.codec import Codec, to_pattern, to_physical
 from hev_can_emu.messages.columns import (
     M_COUNT,
@@ -41,6 +41,7 @@ from hev_can_emu.messages.columns import (
 )
 from hev_can_emu.messages.database import Database
 from hev_can_emu.messages.definitions import MessageDef, SendType
+from hev_can_emu.messages.quick import lowest, reached
 from hev_can_emu.messages.raw import SIGNED, signed_value
 
 _TYPES = list(SendType)
@@ -74,16 +75,23 @@ T_SATURATED = 9  # values saturated in sent frames
 T_COLUMNS = 10
 
 _LONG_AGO = -(1 << 62)
+_NEVER = (1 << 63) - 1
+_BLOCK = 8  # messages whose times are compared at once
 _SLOT_NS = 1_000_000
 #: Slots over which phases are spread: enough for periods up to 10 s without a long search.
 _MOST_SLOTS = 10_000
 
 
 class Restbus(NamedTuple):
-    """The schedule.  ``schedule``: int64 (messages, R_COLUMNS); ``order``: int64, by bus priority."""
+    """The schedule.
+
+    ``schedule``: int64 (messages, R_COLUMNS); ``order``: int64, messages by bus priority; ``place``:
+    int64 (messages), the place of each in that order.
+    """
 
     schedule: np.ndarray
     order: np.ndarray
+    place: np.ndarray
 
 
 def build_restbus(database: Database) -> Restbus:
@@ -98,8 +106,10 @@ def build_restbus(database: Database) -> Restbus:
             message.repetitions,
             message.delay_ns,
         ]
-    order = sorted(database.messages, key=arbitration_key)
-    return Restbus(schedule, np.array([message.index for message in order], dtype=np.int64))
+    order = [message.index for message in sorted(database.messages, key=arbitration_key)]
+    place = np.zeros(len(order), dtype=np.int64)
+    place[order] = np.arange(len(order))
+    return Restbus(schedule, np.array(order, dtype=np.int64), place)
 
 
 def arbitration_key(message: MessageDef) -> int:
@@ -220,6 +230,46 @@ def is_idle(kind: int, state: np.ndarray, message: int, t_ns: int) -> bool:
     )
 
 
+def new_wake(messages: int) -> np.ndarray:
+    """Return, int64, when to look at each message: at once; it is filled up with entries of no message."""
+    wake = np.full(-(-messages // _BLOCK) * _BLOCK, _NEVER, dtype=np.int64)
+    wake[:messages] = _LONG_AGO
+    return wake
+
+
+@small_kernel
+def wake_at(restbus: Restbus, state: np.ndarray, message: int) -> int:
+    """Return from when on a message may be due, after :func:`is_due` was asked; triggers aside."""
+    base = message * T_COLUMNS
+    kind = restbus.schedule[message, R_TYPE]
+    if kind not in (_CYCLIC, _NONE) or state[base + T_REPEATS] != 0 or state[base + T_TRIGGER] != 0:
+        return _LONG_AGO
+    if kind == _NONE or restbus.schedule[message, R_PERIOD] == 0:
+        return _NEVER
+    return int(state[base + T_NEXT])
+
+
+@inlined_kernel
+def awake(restbus: Restbus, wake: np.ndarray, t_ns: int, messages: np.ndarray) -> Any:
+    """Write into ``messages``, int64, those to look at at ``t_ns``, by priority; return how many.
+
+    ``wake``: see :func:`new_wake`.
+    """
+    count: Any = np.int64(0)
+    for start in range(0, wake.shape[0], _BLOCK):
+        bits: Any = reached(wake, start, t_ns)
+        while bits != 0:
+            m = start + lowest(bits)
+            bits &= bits - 1
+            at = count
+            while at > 0 and restbus.place[messages[at - 1]] > restbus.place[m]:
+                messages[at] = messages[at - 1]
+                at -= 1
+            messages[at] = m
+            count += 1
+    return count
+
+
 @inlined_kernel
 def is_due(
     restbus: Restbus,
@@ -241,6 +291,13 @@ def is_due(
     kind = row[R_TYPE]
     period = row[R_PERIOD]
     on = enabled[message] != 0
+    if on and kind == _CYCLIC and own[T_TRIGGER] == 0 and own[T_REPEATS] == 0:
+        # By far the most: nothing but the grid, and no deadline passed.
+        late = t_ns - own[T_NEXT]
+        if 0 <= late < period:
+            own[T_NEXT] += period
+            own[T_LAST] = t_ns
+            return True
     if kind == _CYCLIC_IF_ACTIVE and on:
         active = 1 if _differs_from_initial(codec, message, values) else 0
         if row[R_FAST] > 0:

@@ -46,10 +46,11 @@ from hev_can_emu.messages.protection import (
     P_ON,
     Protection,
     check,
+    check_word,
     is_accepted,
     protect,
 )
-from hev_can_emu.messages.quick import count_outside, quick_values, quick_word
+from hev_can_emu.messages.quick import quick_values, quick_word
 from hev_can_emu.messages.raw import SIGNED, UNSIGNED, float_value, get_bits, signed_value
 from hev_can_emu.messages.restbus import (
     R_TYPE,
@@ -60,7 +61,9 @@ from hev_can_emu.messages.restbus import (
     Restbus,
     is_due,
     is_idle,
+    wake_at,
 )
+from hev_can_emu.messages.word_protection import G_ON, protect_word
 
 # Columns of the receive state, X_COLUMNS per message.
 X_COUNTER = 0  # last protection counter taken, NEVER before
@@ -90,6 +93,16 @@ def reset_receive(codec: Codec, state: np.ndarray) -> None:
         state[m * X_COLUMNS + X_LAST_NS] = -(1 << 62)
 
 
+@kernel
+def _read_guard(codec: Codec, s: int, data: np.ndarray, on_bus_values: np.ndarray) -> None:
+    """Write the value of a signal that the protection set."""
+    signals = codec.signals
+    bits = get_bits(
+        data, signals[s, S_BYTE], signals[s, S_BIT], signals[s, S_STEP], signals[s, S_LENGTH]
+    )
+    on_bus_values[s] = to_physical(signals, codec.scaling, s, bits)
+
+
 @inlined_kernel
 def write_frame(
     codec: Codec,
@@ -114,27 +127,26 @@ def write_frame(
         words[n] = np.uint64(0)
     saturated: Any = np.int64(0)
     unusual: Any = np.int64(1)
-    if row[M_QUICK] != 0:
+    quick = row[M_QUICK] != 0
+    if quick:
         word, unusual = quick_word(
-            codec.ranges, codec.places, codec.signals.shape[0], row[M_FIRST], row[M_COUNT],
-            values, on_bus_values,
+            codec.ranges, codec.places, codec.signals.shape[0], row[M_FIRST], row[M_COUNT], values
         )  # fmt: skip
         words[0] = word
     if unusual != 0:
         saturated = encode(codec, message, values, data, on_bus_values)
-    if protection.layout[message, P_ON] != 0:
+    if protection.words[message, G_ON] != 0:
+        words[0] = protect_word(protection.words, protection.remainders, message, words[0], counter)
+    elif protection.layout[message, P_ON] != 0:
         protect(protection, message, data, row[M_LENGTH], counter)
-        signals = codec.signals
+    if quick:
+        quick_values(
+            codec.ranges, 0, codec.places, 0, codec.signals.shape[0], row[M_FIRST], row[M_COUNT],
+            words[0], on_bus_values, 0,
+        )  # fmt: skip
+    else:
         for n in range(row[M_GUARDS], row[M_GUARDS] + row[M_GUARD_COUNT]):
-            s = codec.lists[n]
-            bits = get_bits(
-                data,
-                signals[s, S_BYTE],
-                signals[s, S_BIT],
-                signals[s, S_STEP],
-                signals[s, S_LENGTH],
-            )
-            on_bus_values[s] = to_physical(signals, codec.scaling, s, bits)
+            _read_guard(codec, codec.lists[n], data, on_bus_values)
     frames[i]["t_ns"] = t_ns
     frames[i]["id"] = row[M_ID]
     frames[i]["flags"] = row[M_FLAGS] | SENT
@@ -177,18 +189,6 @@ def transmit(
 
 
 @inlined_kernel
-def not_idle(restbus: Restbus, state: np.ndarray, t_ns: int, messages: np.ndarray) -> Any:
-    """Write into ``messages``, int64, what may be due at ``t_ns``, by priority; return how many."""
-    count: Any = np.int64(0)
-    for place in range(restbus.order.shape[0]):
-        m = restbus.order[place]
-        if not is_idle(restbus.schedule[m, R_TYPE], state, m, t_ns):
-            messages[count] = m
-            count += 1
-    return count
-
-
-@inlined_kernel
 def transmit_these(
     codec: Codec,
     protection: Protection,
@@ -202,10 +202,11 @@ def transmit_these(
     n_out: int,
     messages: np.ndarray,
     count: int,
+    wake: np.ndarray,
 ) -> Any:
-    """As :func:`transmit`, of what :func:`not_idle` found, and with room for all of it.
+    """As :func:`transmit`, of what :func:`~.restbus.awake` found, and with room for all of it.
 
-    ``messages`` then begins with the messages of the new frames, in their order.
+    ``messages`` then begins with the messages of the new frames, in their order; ``wake`` goes on.
     """
     first = n_out
     for i in range(count):
@@ -215,6 +216,7 @@ def transmit_these(
             codec, protection, restbus, state, enabled, values, on_bus_values, t_ns, frames_out,
             n_out, m,
         )  # fmt: skip
+        wake[m] = wake_at(restbus, state, m)
         if n_out > before:
             messages[before - first] = m
     return n_out
@@ -313,11 +315,14 @@ def receive(
         state[base + X_LENGTH] += 1
         return m, LENGTH_WRONG
     data = frames[i]["data"]
+    word = data.view(np.uint64)[0]
     code = OK
     if mode != OFF:
-        code = check(
-            protection, m, data, row[M_LENGTH], state[base + X_COUNTER : base + X_COUNTER + 1]
-        )
+        counter = state[base + X_COUNTER : base + X_COUNTER + 1]
+        if protection.words[m, G_ON] != 0:
+            code = check_word(protection, m, word, counter)
+        else:
+            code = check(protection, m, data, row[M_LENGTH], counter)
         if code == CRC_WRONG:
             state[base + X_CRC] += 1
         elif code == COUNTER_REPEATED:
@@ -329,14 +334,16 @@ def receive(
         state[base + X_LAST_NS] = frames[i]["t_ns"]
         quick = row[M_QUICK] != 0
         stride, first, count = codec.signals.shape[0], row[M_FIRST], row[M_COUNT]
-        word = data.view(np.uint64)[0]
         out_of_range: Any = np.int64(0)
-        if not quick or count_outside(codec.ranges, codec.places, stride, first, count, word) > 0:
+        beyond: Any = np.int64(1)
+        if quick:
+            beyond = quick_values(
+                codec.ranges, 0, codec.places, 0, stride, first, count, word, values, 0
+            )
+        else:
+            decode(codec, m, data, values)
+        if beyond > 0:
             out_of_range = count_out_of_range(codec, m, data)
         state[base + X_RANGE] += out_of_range
         state[base + X_LAST_RANGE] = out_of_range
-        if quick:
-            quick_values(codec.ranges, 0, codec.places, 0, stride, first, count, word, values, 0)
-        else:
-            decode(codec, m, data, values)
     return m, code

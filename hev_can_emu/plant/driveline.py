@@ -13,6 +13,8 @@ the books of travel and heat belong to the step as well.  Without them that code
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
@@ -59,7 +61,8 @@ MAX_EVENTS_PER_STEP = 24
 MAX_COLUMNS = 48  # states and inputs of a driveline, filled up
 SPEEDS = MAX_COLUMNS  #: places in what :func:`look` sees
 CARRIED = SPEEDS + 16
-N_SEEN = CARRIED + 8
+AFTER = CARRIED + 8  #: the states whose speeds these are, then what a trial step makes besides
+N_SEEN = AFTER + MAX_COLUMNS
 TRIAL = MAX_COLUMNS + 160  #: values of scratch that a step needs
 
 _STILL = 1e-12  # rad/s: slip that counts as none
@@ -126,6 +129,19 @@ def _join(x: Array, u: Array, nx: int, z: Array) -> None:
         z[i] = 0.0
 
 
+@small_kernel
+def _see_speeds(bank: Bank, x: Array, nx: int, seen: Array) -> None:
+    """Write the speeds of ``x`` into ``seen``, unless they are there since the last look or step."""
+    same: Any = np.int64(0)
+    for i in range(nx):
+        same += np.int64(x[i] == seen[AFTER + i])
+    if same == nx:
+        return
+    for i in range(nx):
+        seen[AFTER + i] = x[i]
+    all_rows(bank.speeds, x, seen[SPEEDS:])
+
+
 @inlined_kernel
 def step(
     bank: Bank,
@@ -169,13 +185,9 @@ def step(
     units = 1 << levels
     nz, count = flow.shape[2], flow.shape[3]
     rows = bank.speeds.shape[1]
-    z, after, rest = (
-        trial[:nz],
-        trial[MAX_COLUMNS : MAX_COLUMNS + count],
-        trial[MAX_COLUMNS + count :],
-    )
-    before_speeds, after_speeds = rest[:rows], rest[rows : 2 * rows]
-    torques, rates = rest[2 * rows : 3 * rows], rest[3 * rows :]
+    z, speeds = trial[:nz], trial[SPEEDS : SPEEDS + rows]
+    after, rest = trial[AFTER : AFTER + count], trial[AFTER + count :]
+    torques, rates = rest[:rows], rest[rows:]
     pistons = 0.0
     engine_torque = u[ENGINE]
     toothed = extras is not None
@@ -186,13 +198,13 @@ def step(
             if state[SIDE + gear - G1] != 0 or books[teeth.HALF + gear - G1] > 0.0:
                 let_dogs_in(bank, x, state, extras, books)
     # Frictions of the sliding locks first: what a held one carries depends on them.
-    all_rows(bank.speeds, x, before_speeds)
+    _see_speeds(bank, x, nx, trial)
     still = False
     for lock in range(m):
         u[N_PORTS + lock] = 0.0
         if state[HELD + lock] == 0:
             if kinetic[lock] > 0.0:
-                speed = before_speeds[N_PORTS + lock]
+                speed = speeds[N_PORTS + lock]
                 if abs(speed) < _STILL:
                     still = True
                 if speed > 0.0:
@@ -250,14 +262,12 @@ def step(
                 )
                 u[ENGINE] = engine_torque + pistons
         eventful = False
-        all_rows(bank.speeds, after, after_speeds)
+        all_rows(bank.speeds, after, speeds)
         holding = False
         for lock in range(m):
             if state[HELD + lock] == 1:
                 holding = True
-            elif (
-                kinetic[lock] > 0.0 and after_speeds[N_PORTS + lock] * state[SIGN + lock] < -_STILL
-            ):
+            elif kinetic[lock] > 0.0 and speeds[N_PORTS + lock] * state[SIGN + lock] < -_STILL:
                 eventful = True
         if holding:
             _join(after, u, nx, z)
@@ -341,12 +351,12 @@ def look(bank: Bank, x: Array, state: Integers, u: Array, seen: Array) -> None:
 
     ``seen``, shape (N_SEEN,): from ``SPEEDS`` on the speeds at the ports and slips at the locks, rad/s;
     from ``CARRIED`` on each lock's friction torque, held or sliding, N m on its first side, then the body's
-    angular acceleration, rad/s^2.
+    angular acceleration, rad/s^2.  It may be the scratch of :func:`step`.
     """
     nu, nz = u.shape[0], bank.held_columns.shape[2]
     nx, locks = bank.held_torque.shape[2] - nu, nu - N_PORTS
     _join(x, u, nx, seen[:nz])
-    all_rows(bank.speeds, x, seen[SPEEDS:])
+    _see_speeds(bank, x, nx, seen)
     combine(bank.held_columns, state[ROW], 0, seen, seen[CARRIED:])
     for lock in range(locks):
         if state[HELD + lock] == 0:

@@ -14,6 +14,7 @@ from numba.extending import intrinsic, overload
 
 from hev_can_emu.jit import kernel
 from hev_can_emu.plant.columns import WIDTH, columns_times
+from hev_can_emu.vector_code import address
 
 
 def vector_sums(width: int, vectors: int) -> Any:
@@ -104,19 +105,6 @@ _sums_32, _sums_16, _sums_8 = (vector_sums(WIDTH, vectors) for vectors in (4, 2,
 _sums_4 = vector_sums(4, 1)
 
 
-def _place(typing_context: Any, array: Any) -> Any:
-    """Return where an array's first value is."""
-
-    def emit(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
-        return builder.ptrtoint(data, context.get_value_type(types.intp))
-
-    return types.intp(array), emit
-
-
-_address: Any = intrinsic(_place)
-
-
 @kernel
 def _sums(matrix: int, count: int, x: int, nz: int, out: int) -> None:
     i = 0
@@ -136,6 +124,6 @@ def _sums(matrix: int, count: int, x: int, nz: int, out: int) -> None:
 @overload(columns_times, inline="always")
 def _columns_times(matrix: Any, start: Any, count: Any, x: Any, nz: Any, out: Any) -> Any:
     def times(matrix: Any, start: Any, count: Any, x: Any, nz: Any, out: Any) -> None:
-        _sums(_address(matrix) + 8 * start, count, _address(x), nz, _address(out))
+        _sums(address(matrix) + 8 * start, count, address(x), nz, address(out))
 
     return times

@@ -53,6 +53,7 @@ from hev_can_emu.messages.restbus import (
     T_COLUMNS,
     T_SATURATED,
     build_restbus,
+    new_wake,
     reset_restbus,
     restbus_state_size,
 )
@@ -168,7 +169,10 @@ class Emulator:
         faults, locate_fault = prepared_faults(self.setup) if controlled else ((), str)
         self.constants = Constants(
             codec=codec,
-            protection=build_protection([m.protection for m in self.database.messages]),
+            protection=build_protection(
+                [m.protection for m in self.database.messages],
+                [m.length for m in self.database.messages],
+            ),
             restbus=build_restbus(self.database),
             ties=ties,
             rules=resolve_rules(bindings, self.database, ties, document.where),
@@ -255,10 +259,12 @@ class Emulator:
         state.power[constants.follows_ignition == 0] = tick.AWAKE
         state.scalars[tick.LAST_MODE] = ports.MODE_ELECTRIC_NEUTRAL
         state.scalars[tick.RECHECK] = 1
+        state.scalars[tick.CALM_NS] = -1
         with uncompiled():
             control.start_units(state.unit_state, ready)
             transmission_unit.start_unit(state.transmission)
             reset_restbus(constants.restbus, state.transmit, 0)
+            state.wake[:] = new_wake(len(self.database.messages))
             reset_receive(constants.codec, state.receive)
             supervision.reset_supervision(state.supervision)
             reset_codes(state.codes)
@@ -478,6 +484,7 @@ class Emulator:
         """
         strangers = write_codes(stored, self.state.codes, self.constants.rules.number)
         supervision.begin_cycle(self.state.supervision, self.state.codes, self.now_ns)
+        self.state.scalars[tick.CALM_NS] = -1
         tick.count_into(self.state.codes, self.state.scalars)
         return strangers
 
@@ -485,6 +492,8 @@ class Emulator:
         """Clear all of them (ISO 14229-1, ClearDiagnosticInformation); what still fails, fails anew."""
         reset_codes(self.state.codes)
         self.state.supervision[:, supervision.TOLD] = 0
+        self.state.supervision[:, supervision.CALM_NS] = supervision.NEVER_NS
+        self.state.scalars[tick.CALM_NS] = -1
         tick.count_into(self.state.codes, self.state.scalars)
 
     def take_events(self) -> list[Event]:
@@ -590,6 +599,7 @@ def _allocate(
         "scalars": (i8, (tick.N_SCALARS,)),
         "plant_n": (i8, (driveline.N_INTEGERS,)),
         "transmit": (i8, (restbus_state_size(constants.restbus),)),
+        "wake": (i8, new_wake(messages).shape),
         "receive": (i8, (receive_state_size(constants.codec),)),
         "supervision": (i8, (messages, supervision.COLUMNS)),
         "seen_ns": (i8, (signals,)),

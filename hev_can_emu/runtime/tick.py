@@ -40,8 +40,9 @@ from hev_can_emu.messages.codec import Codec, decode, find_message
 from hev_can_emu.messages.columns import M_COUNT, M_FIRST, M_WIRE_LENGTH
 from hev_can_emu.messages.frame import ERROR, EXTENDED, REMOTE, SENT, make_frames
 from hev_can_emu.messages.protection import LENGTH_WRONG, Protection, is_accepted
-from hev_can_emu.messages.restbus import Restbus
-from hev_can_emu.messages.transfer import not_idle, receive, transmit_these
+from hev_can_emu.messages.quick import show_signals
+from hev_can_emu.messages.restbus import Restbus, awake
+from hev_can_emu.messages.transfer import receive, transmit_these
 from hev_can_emu.native import Bound
 from hev_can_emu.plant.detailed_layout import DetailedPlant
 from hev_can_emu.plant.events import note
@@ -69,7 +70,9 @@ WIRED = (
 )
 OPERATING, CODES_ACTIVE, CODES_CONFIRMED = 10, 11, 12
 RECHECK = 13  #: 1: who sends what is looked at anew in the next tick
-N_SCALARS = 14
+SETTLED = 14  #: 1: no node boots or falls asleep with ignition off, 2: with ignition on
+CALM_NS = 15  #: until then, supervision has nothing to do unless a frame comes
+N_SCALARS = 16
 
 MODE_CHANGED, SYNC_CHANGED, CONFLICT = 20, 21, 22  #: kinds of events
 
@@ -117,6 +120,7 @@ class State(NamedTuple):
     scalars: Integers
     plant_n: Integers
     transmit: Integers
+    wake: Integers
     receive: Integers
     supervision: Integers
     seen_ns: Integers
@@ -249,14 +253,10 @@ def _sent_message(codec: Codec, frames: Frames, i: int) -> Any:
 
 
 @inner_kernel
-def _show(constants: Constants, state: State, i: int, message: int, faulty: bool) -> None:
+def _show_faulty(constants: Constants, state: State, i: int, message: int) -> None:
     """Let ``on_bus`` tell what a frame sent tells; nobody reads one of a wrong length."""
     codec = constants.codec
-    if not faulty:
-        first = codec.messages[message, M_FIRST]
-        for signal in range(first, first + codec.messages[message, M_COUNT]):
-            state.on_bus[signal] = state.encoded[signal]
-    elif np.int64(state.frames_out[i]["length"]) == codec.messages[message, M_WIRE_LENGTH]:
+    if np.int64(state.frames_out[i]["length"]) == codec.messages[message, M_WIRE_LENGTH]:
         decode(codec, message, state.frames_out[i]["data"], state.on_bus)
 
 
@@ -282,9 +282,11 @@ def _take_own(constants: Constants, state: State, frames: Frames, i: int, t_ns: 
 @inner_kernel
 def _power_nodes(constants: Constants, state: State, t_ns: int) -> None:
     """Nodes boot and fall asleep with the ignition; a message is enabled while its sender is up."""
-    ignition = state.effective[ports.IGNITION]
-    on = ignition >= IGNITION_ON
+    on = state.effective[ports.IGNITION] >= IGNITION_ON
     changed = state.scalars[RECHECK] != 0
+    if state.scalars[SETTLED] == (2 if on else 1) and not changed:
+        return
+    settled = True
     for node in range(state.power.shape[0]):
         phase = state.power[node]
         since = t_ns - state.power_since_ns[node]
@@ -303,6 +305,9 @@ def _power_nodes(constants: Constants, state: State, t_ns: int) -> None:
             state.power[node] = new
             state.power_since_ns[node] = t_ns
             changed = True
+        if new in (BOOTING, AFTERRUN):
+            settled = False
+    state.scalars[SETTLED] = (2 if on else 1) if settled else 0
     if not changed:
         return
     state.scalars[RECHECK] = 0
@@ -393,6 +398,7 @@ def run_ticks(
             _take_late(constants, state, -1, t_ns)
 
         # Frames of played nodes come back as any receiver sees them.
+        came = state.scalars[PENDING] > 0 or (taken < n_in and frames_in[taken]["t_ns"] <= t_ns)
         for i in range(state.scalars[PENDING]):
             _take_frame(constants, state, state.pending, i, state.enabled, t_ns)
         state.scalars[PENDING] = 0
@@ -432,14 +438,18 @@ def run_ticks(
             if operating == 1:
                 begin_cycle(state.supervision, state.codes, t_ns)
                 recount = True
-        failed, n_events, changed = watch(
-            constants.ties, constants.rules, state.supervision, state.requests, state.kept,
-            state.effective, state.share, state.limited, state.slewed, state.statuses, state.codes,
-            operating == 1, t_ns, events, n_events,
-        )  # fmt: skip
-        if changed or recount:
-            count_into(state.codes, state.scalars)
-        state.scalars[FAILED] = failed
+        if came or recount or faulty or t_ns > state.scalars[CALM_NS]:
+            failed, n_events, changed, calm_ns = watch(
+                constants.ties, constants.rules, state.supervision, state.requests, state.kept,
+                state.effective, state.share, state.limited, state.slewed, state.statuses,
+                state.codes, operating == 1, t_ns, events, n_events,
+            )  # fmt: skip
+            if changed or recount:
+                count_into(state.codes, state.scalars)
+            # Faults write into the statuses, too.
+            state.scalars[CALM_NS] = -1 if faulty else calm_ns
+            state.scalars[FAILED] = failed
+        failed = state.scalars[FAILED]
         refused = state.scalars[REFUSED]
         commands_from_requests(
             state.effective, state.share, state.statuses, state.truth, constants.brake_max,
@@ -464,7 +474,7 @@ def run_ticks(
             state.scalars[LAST_MODE] = mode
             n_events = note(events, n_events, t_ns, MODE_CHANGED, mode, 0.0)
         _power_nodes(constants, state, t_ns)
-        count = not_idle(constants.restbus, state.transmit, t_ns, state.due)
+        count = awake(constants.restbus, state.wake, t_ns, state.due)
         _fill_values(constants, state, count)
         if faulty:
             silence_nodes(state.faults, constants.ties.message_node, state.enabled)
@@ -473,7 +483,7 @@ def run_ticks(
         first = n_out
         n_out = transmit_these(
             codec, constants.protection, constants.restbus, state.transmit, state.enabled,
-            state.values, state.encoded, t_ns, frames_out, n_out, state.due, count,
+            state.values, state.encoded, t_ns, frames_out, n_out, state.due, count, state.wake,
         )  # fmt: skip
         if faulty:
             n_out, n_events = pass_sent(
@@ -488,8 +498,14 @@ def run_ticks(
             message = state.due[i - first] if not faulty else _sent_message(codec, frames_out, i)
             if message < 0:
                 continue
-            _mark_seen(codec, state.seen_ns, message, t_ns)
-            _show(constants, state, i, message, faulty)
+            if faulty:
+                _mark_seen(codec, state.seen_ns, message, t_ns)
+                _show_faulty(constants, state, i, message)
+            else:
+                show_signals(
+                    state.encoded, state.on_bus, state.seen_ns, codec.messages[message, M_FIRST],
+                    codec.messages[message, M_COUNT], t_ns,
+                )  # fmt: skip
             if state.origin[message] == ORIGIN_PLAYED and (
                 state.scalars[PENDING] < state.pending.shape[0]
             ):

@@ -110,7 +110,7 @@ class Watch:
 
     def look(self, t_ms: float) -> Watch:
         """Look for time-outs."""
-        self.failed, noted, self.changed = supervision.watch(
+        self.failed, noted, self.changed, _ = supervision.watch(
             self.ties, self.rules, self.state, self.requests, self.held, self.effective, self.share,
             self.limited, self.slewed, self.statuses, self.codes, self.operating,
             round(t_ms * MS), self.events, 0,

@@ -21,10 +21,12 @@ from hev_can_emu.messages.protection import (
     OK,
     build_protection,
     check,
+    check_word,
     is_accepted,
     protect,
 )
 from hev_can_emu.messages.protection_spec import CrcSpec, ProtectionSpec
+from hev_can_emu.messages.word_protection import G_MODULUS, G_ON, protect_word
 
 IDS = tuple(range(1, 17))
 SPECS = {
@@ -53,6 +55,32 @@ SPECS = {
         crc_offset=8,
         counter_offset=0,
         counter_length=8,
+    ),
+}
+MORE = {
+    "custom own as zero": ProtectionSpec(
+        profile="custom",
+        crc=CrcSpec(polynomial=0x1D, init=0xFF, own_as_zero=True, first_byte=1, last_byte=6),
+        data_id=0x17,
+        data_id_mode="low",
+        data_id_position="prefix",
+        crc_offset=24,
+        counter_offset=60,
+        counter_length=4,
+    ),
+    "custom no counter": ProtectionSpec(
+        profile="custom", crc=CrcSpec(polynomial=0x2F), crc_offset=0, counter_length=0
+    ),
+    "custom no CRC": ProtectionSpec(
+        profile="custom", crc=CrcSpec(width=0), counter_offset=30, counter_length=12
+    ),
+    "custom counter across bytes": ProtectionSpec(
+        profile="custom",
+        crc=CrcSpec(polynomial=0x2F),
+        crc_offset=0,
+        counter_offset=20,
+        counter_length=10,
+        counter_big_endian=True,
     ),
 }
 NAMES = list(SPECS)
@@ -397,3 +425,48 @@ def test_a_message_must_have_room() -> None:
             profile="custom", crc_offset=8, counter_offset=4, counter_length=8,
             counter_big_endian=True,
         ).check_length(8)  # fmt: skip
+
+
+@pytest.mark.parametrize("name", [*SPECS, *MORE])
+@settings(max_examples=60, deadline=None)
+@given(
+    data=st.binary(min_size=8, max_size=8), counter=st.integers(0, 1 << 40), flip=st.integers(0, 63)
+)
+def test_a_word_is_protected_and_checked_as_its_bytes_are(
+    name: str, data: bytes, counter: int, flip: int
+) -> None:
+    table = build_protection([(SPECS | MORE)[name]], [8])
+    big_endian_apart = name == "custom counter across bytes"
+    assert table.words[0, G_ON] == (0 if big_endian_apart else 1)
+    if big_endian_apart:
+        return
+    slow = np.frombuffer(data, dtype=np.uint8).copy()
+    protect(table, 0, slow, 8, counter)
+    word = protect_word(
+        table.words, table.remainders, 0, np.frombuffer(data, np.uint64)[0], counter
+    )
+    assert np.uint64(word).tobytes() == slow.tobytes()
+    broken = np.uint64(word) ^ np.uint64(1 << flip)
+    for last in (NEVER, 0, counter % int(table.words[0, G_MODULUS]), 3):
+        for received in (np.uint64(word), broken):
+            states = np.array([[last], [last]], dtype=np.int64)
+            code = check_word(table, 0, received, states[0])
+            assert code == check(table, 0, received.reshape(1).view(np.uint8), 8, states[1])
+            assert states[0, 0] == states[1, 0]
+
+
+@pytest.mark.parametrize("length", range(3, 8))
+@pytest.mark.parametrize("name", ["P01 both", "P02", "P05", "P22", "custom 16"])
+def test_a_word_shorter_than_eight_bytes(name: str, length: int) -> None:
+    table = build_protection([SPECS[name], None], [length, 8])
+    assert table.words[:, G_ON].tolist() == [1, 0]
+    data = np.array([0x5A, 0xC3, 0x7E, 0x99, 0x01, 0xFE, 0x42, 0x18], dtype=np.uint8)
+    data[length:] = 0
+    slow = data.copy()
+    protect(table, 0, slow, length, 77)
+    word = protect_word(table.words, table.remainders, 0, data.view(np.uint64)[0], 77)
+    assert np.uint64(word).tobytes() == slow.tobytes()
+
+
+def test_longer_messages_are_no_words() -> None:
+    assert build_protection([SPECS["P05"]], [9]).words[0, G_ON] == 0

@@ -15,8 +15,14 @@ from hev_can_emu.messages.codec import build_codec
 from hev_can_emu.messages.database import load_database
 from hev_can_emu.messages.frame import BRS, EXTENDED, FD, make_frames
 from hev_can_emu.messages.protection import build_protection
-from hev_can_emu.messages.restbus import build_restbus, reset_restbus, restbus_state_size
-from hev_can_emu.messages.transfer import transmit
+from hev_can_emu.messages.restbus import (
+    awake,
+    build_restbus,
+    new_wake,
+    reset_restbus,
+    restbus_state_size,
+)
+from hev_can_emu.messages.transfer import transmit, transmit_these
 
 MS = 1_000_000
 FORMATS = ",".join(
@@ -92,6 +98,16 @@ def run(
     values = np.zeros(len(database.signals))
     on_bus = np.full(len(database.signals), 0.0)
     frames = make_frames(len(database.messages))
+    # The same again as a run does it: only what may be due is looked at.
+    words = build_protection(
+        [m.protection for m in database.messages], [m.length for m in database.messages]
+    )
+    state2, on_bus2 = state.copy(), on_bus.copy()
+    wake, looked_at = (
+        new_wake(len(database.messages)),
+        np.zeros(len(database.messages), dtype=np.int64),
+    )
+    frames2 = make_frames(len(database.messages))
     times: dict[str, list[int]] = {message.name: [] for message in database.messages}
     everything = []
     for t in range(until_ms):
@@ -109,6 +125,16 @@ def run(
             0,
             len(frames),
         )
+        looked = awake(restbus, wake, t * MS, looked_at)
+        count2 = transmit_these(
+            codec, words, restbus, state2, enabled, values, on_bus2, t * MS, frames2, 0, looked_at,
+            looked, wake,
+        )  # fmt: skip
+        assert frames2[:count2].tobytes() == frames[:count].tobytes()
+        assert [database.messages[m].can_id for m in looked_at[:count2]] == frames["id"][
+            :count
+        ].tolist()
+        np.testing.assert_array_equal(on_bus2, on_bus)
         for frame in frames[:count]:
             name = next(m.name for m in database.messages if m.can_id == frame["id"])
             times[name].append(t)

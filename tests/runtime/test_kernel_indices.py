@@ -1,4 +1,4 @@
-"""The package's kernels index from zero, inside arrays; what others compile with Numba does as Python does."""
+"""The package's kernels index from zero, inside arrays; what others compile does as Python does."""
 
 import os
 import subprocess

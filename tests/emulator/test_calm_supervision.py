@@ -1,0 +1,75 @@
+"""Supervision rests while nothing can change; a car whose supervision never rests does the same."""
+
+import numpy as np
+import pytest
+
+from hev_can_emu.ecu import supervision
+from hev_can_emu.messages.frame import SENT, make_frames
+from hev_can_emu.runtime import tick
+from hev_can_emu.runtime.emulator import Emulator
+from hev_can_emu.runtime.setup import Setup
+
+SENDER = ("HCU",)
+COMPARED = (
+    "requests",
+    "kept",
+    "effective",
+    "share",
+    "limited",
+    "statuses",
+    "codes",
+    "command",
+    "on_bus",
+)
+
+
+def requests_of_a_controller(seconds: int) -> np.ndarray:
+    """Return what an emulated HCU sends, with stretches of silence and of broken frames."""
+    car = Emulator(Setup(nodes=dict.fromkeys(SENDER, "emulated")))
+    for name, value in (("ContactorRequest", 1), ("EM2ControlMode", 1), ("EM2TorqueRequest", 40)):
+        car.set_value(car.database.signal(name).index, value)
+    ids = [m.can_id for m in car.database.messages if m.sender in SENDER]
+    frames = car.advance(seconds * 1_000_000_000)
+    frames = frames[np.isin(frames["id"], ids)].copy()
+    frames["flags"] &= 255 - SENT
+    random = np.random.default_rng(5)
+    kept = np.ones(len(frames), dtype=bool)
+    for begin_ms in random.integers(0, seconds * 1000, 12):
+        during = (frames["t_ns"] >= begin_ms * 10**6) & (frames["t_ns"] < (begin_ms + 150) * 10**6)
+        one = during & (frames["id"] == random.choice(ids))
+        if random.random() < 0.5:
+            kept &= ~one
+        else:
+            frames["data"][one, 1] ^= 0x40
+    return frames[kept]
+
+
+@pytest.mark.parametrize("clear", [False, True])
+def test_a_resting_supervision_changes_nothing(clear: bool) -> None:
+    frames = requests_of_a_controller(4)
+    resting, restless = Emulator(Setup()), Emulator(Setup())
+    at, rested = 0, 0
+    events: list[list] = [[], []]
+    for t_ms in range(4000):
+        end = int(np.searchsorted(frames["t_ns"], t_ms * 10**6, side="right"))
+        given = frames[at:end].copy() if end > at else make_frames(1)
+        count, at = end - at, end
+        rested += int(resting.state.scalars[tick.CALM_NS] >= t_ms * 10**6)
+        restless.state.scalars[tick.CALM_NS] = -1
+        restless.state.supervision[:, supervision.CALM_NS] = supervision.NEVER_NS
+        for car, told in zip((resting, restless), events, strict=True):
+            if clear and t_ms == 2000:
+                car.clear_trouble_codes()
+            car.advance((t_ms + 1) * 10**6, given, count)
+            told += car.take_events()
+        for name in COMPARED:
+            np.testing.assert_array_equal(
+                getattr(resting.state, name), getattr(restless.state, name)
+            )
+        np.testing.assert_array_equal(
+            np.delete(resting.state.supervision, supervision.CALM_NS, axis=1),
+            np.delete(restless.state.supervision, supervision.CALM_NS, axis=1),
+        )
+    assert events[0] == events[1]
+    assert {each.kind for each in events[0]} >= {"lost", "healed"}
+    assert rested > 400
