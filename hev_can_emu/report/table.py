@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import io
+import os
+import sys
 from collections.abc import Sequence
-from typing import NamedTuple, TextIO
+from typing import TYPE_CHECKING, NamedTuple, TextIO
 
-from rich import box
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
+from hev_can_emu.report.plain_table import Column, plain_table
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 # Words, not signs or colour alone: the table also goes into logs.
 _STYLES = {
@@ -18,6 +21,14 @@ _STYLES = {
     "error": "bold red",
 }
 _LOG_WIDTH = 140
+_COLUMNS = (
+    Column("expectation"),
+    Column("verdict", folds=False),
+    Column("at", right=True, folds=False),
+    Column("expected"),
+    Column("observed"),
+    Column("margin", right=True),
+)
 
 
 class VerdictRow(NamedTuple):
@@ -46,7 +57,11 @@ def margin_text(margin: float | None, unit: str) -> str:
 
 
 def verdict_table(rows: Sequence[VerdictRow], title: str) -> Table:
-    """Return the table; its caption counts the verdicts."""
+    """Return the table for a terminal; its caption counts the verdicts."""
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
     table = Table(
         title=Text(title, style="bold"),
         caption=Text(summary(rows)),
@@ -55,17 +70,18 @@ def verdict_table(rows: Sequence[VerdictRow], title: str) -> Table:
         box=box.SIMPLE_HEAD,
         pad_edge=False,
     )
-    table.add_column("expectation", overflow="fold")
-    table.add_column("verdict", no_wrap=True)
-    table.add_column("at", justify="right", no_wrap=True)
-    table.add_column("expected", overflow="fold")
-    table.add_column("observed", overflow="fold")
-    table.add_column("margin", justify="right", overflow="fold")
+    for column in _COLUMNS:
+        table.add_column(
+            column.heading,
+            justify="right" if column.right else "left",
+            no_wrap=not column.folds,
+            overflow="fold" if column.folds else "ellipsis",
+        )
     for row in rows:
         table.add_row(
             Text(row.name),
             Text(row.verdict, style=_STYLES.get(row.verdict, "bold")),
-            "" if row.time_s is None else f"{row.time_s:.3f} s",
+            _instant(row),
             Text(row.expected),
             Text(row.observed),
             Text(row.margin),
@@ -82,9 +98,41 @@ def summary(rows: Sequence[VerdictRow]) -> str:
     return ", ".join(parts) or "no expectations"
 
 
+def log_table(rows: Sequence[VerdictRow], title: str) -> str | None:
+    """Return the same as text for a log; None where that needs Rich, as for letters of double width."""
+    cells = [
+        (row.name, row.verdict, _instant(row), row.expected, row.observed, row.margin)
+        for row in rows
+    ]
+    return plain_table(title, _COLUMNS, cells, summary(rows), _LOG_WIDTH)
+
+
 def print_verdicts(rows: Sequence[VerdictRow], title: str, file: TextIO | None = None) -> None:
     """Print the table: as wide as the terminal, or broad enough for a log file (default stdout)."""
+    target = sys.stdout if file is None else file
+    text = log_table(rows, title) if _is_log(target) else None
+    if text is not None:
+        target.write(text)
+        target.flush()
+        return
+    from rich.console import Console
+
     console = Console(file=file, highlight=False)
     if not console.is_terminal:
         console = Console(file=file, highlight=False, width=_LOG_WIDTH)
     console.print(verdict_table(rows, title))
+
+
+def _instant(row: VerdictRow) -> str:
+    return "" if row.time_s is None else f"{row.time_s:.3f} s"
+
+
+def _is_log(file: TextIO) -> bool:
+    """Return whether it is a plain file or a pipe beyond doubt; else Rich decides."""
+    return (
+        os.name == "posix"
+        and isinstance(file, io.TextIOWrapper)
+        and file.encoding.lower().startswith("utf")
+        and not file.isatty()
+        and not {"FORCE_COLOR", "TTY_COMPATIBLE"} & os.environ.keys()
+    )
