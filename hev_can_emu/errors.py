@@ -14,7 +14,6 @@ translate third-party exceptions once, ``from exc``.
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable
 
 
@@ -55,6 +54,8 @@ class NotMet(HevError, AssertionError):
 
 def did_you_mean(name: str, known: Iterable[str], count: int = 3) -> str:
     """Return ``did you mean 'a' or 'b'?`` for the names nearest to ``name``, or an empty string."""
+    import difflib  # takes a millisecond, and hardly anybody errs
+
     by_folded = {candidate.lower(): candidate for candidate in known}
     near = difflib.get_close_matches(name.lower(), by_folded, n=count, cutoff=0.5)
     if not near:

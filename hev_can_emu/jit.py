@@ -17,9 +17,7 @@ import contextlib
 import functools
 import importlib.util
 import os
-import shutil
 import sys
-import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -53,9 +51,13 @@ def cache_home() -> Path:
     folder = Path(home) / "kernels"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
+        usable = os.access(folder, os.W_OK | os.X_OK)
     except OSError:
+        usable = False
+    if not usable:
+        import shutil
+        import tempfile
+
         folder = Path(tempfile.mkdtemp(prefix="hev-can-emu-kernels-"))
         atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return folder
@@ -95,6 +97,8 @@ def _remove_old(folder: Path) -> None:
         others = [each for each in folder.parent.iterdir() if each != folder]
         others.sort(key=lambda each: each.stat().st_mtime, reverse=True)
         for each in others[_KEPT:]:
+            import shutil
+
             shutil.rmtree(each, ignore_errors=True)
 
 

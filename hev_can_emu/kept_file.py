@@ -3,9 +3,21 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import os
-import tempfile
 from pathlib import Path
+
+CHECK = 32  #: bytes before the content: its SHA-256
+
+
+def read_kept(path: Path) -> bytes | None:
+    """Return the content of a kept file; None where there is none, or it is damaged."""
+    try:
+        whole = path.read_bytes()
+    except OSError:
+        return None
+    content = whole[CHECK:]
+    return content if hashlib.sha256(content).digest() == whole[:CHECK] else None
 
 
 def keep(path: Path, content: bytes, alike: str = "", most: int = 0) -> None:
@@ -13,14 +25,16 @@ def keep(path: Path, content: bytes, alike: str = "", most: int = 0) -> None:
 
     Args:
         path: of the file, in a folder that should be there.
-        content: what to write.
+        content: what to write, after its hash.
         alike: pattern of the names of files beside it that count as alike; none of them counts if empty.
         most: how many of those may stay, the newest.
     """
+    import tempfile  # takes a millisecond, and is seldom needed
+
     with contextlib.suppress(OSError):
         handle, name = tempfile.mkstemp(dir=path.parent)
         with os.fdopen(handle, "wb") as file:
-            file.write(content)
+            file.write(hashlib.sha256(content).digest() + content)
         os.replace(name, path)
         if alike:
             entries = sorted(path.parent.glob(alike), key=lambda each: each.stat().st_mtime)

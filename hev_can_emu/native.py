@@ -14,7 +14,6 @@ import functools
 import hashlib
 import importlib.machinery
 import importlib.util
-import json
 import struct
 import sys
 import threading
@@ -22,6 +21,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import msgspec
 import numpy as np
 
 from hev_can_emu import machine_code
@@ -32,12 +32,11 @@ from hev_can_emu.jit import (
     cache_folder,
     ready_compiler,
 )
-from hev_can_emu.kept_file import keep
+from hev_can_emu.kept_file import keep, read_kept
 
 _HEAD = 2  # words of the table before the arguments: the result, and the place of an error
 _STORED = USUAL and sys.platform == "linux"
 _PACKAGE = __name__.partition(".")[0]
-_MARK = b"hev-can-emu machine code 2\n"
 _TELLING = ("vendor_id", "cpu family", "model", "stepping", "flags")  # of a processor, to Linux
 _BY_REFERENCE = ctypes.PYFUNCTYPE(ctypes.c_int32, *[ctypes.c_void_p] * 3)
 _RELEASING = ctypes.CFUNCTYPE(ctypes.c_int32, *[ctypes.c_void_p] * 3)
@@ -314,15 +313,11 @@ def _imported(name: str, path: Path) -> Any:
 
 def _load(path: Path) -> _Code | None:
     """Return what is stored, None where there is nothing that can be used."""
-    try:
-        content = path.read_bytes()
-    except OSError:
-        return None
-    check, content = content[: len(_MARK) + 32], content[len(_MARK) + 32 :]
-    if check != _MARK + hashlib.sha256(content).digest():
+    content = read_kept(path)
+    if content is None:
         return None
     size = int.from_bytes(content[:4], "little")
-    told, content = json.loads(content[4 : 4 + size]), content[4 + size :]
+    told, content = msgspec.json.decode(content[4 : 4 + size]), content[4 + size :]
     addresses = {name: _address(name) for name in told["needs"]}
     if not all(addresses.values()):
         return None
@@ -362,6 +357,5 @@ def _keep(path: Path, symbol: str, needs: list[str], code: bytes) -> None:
         told["length"] = len(image.content)
     if not all(_address(name) for name in told["needs"]):
         return
-    head = json.dumps(told).encode()
-    content = len(head).to_bytes(4, "little") + head + code
-    keep(path, _MARK + hashlib.sha256(content).digest() + content)
+    head = msgspec.json.encode(told)
+    keep(path, len(head).to_bytes(4, "little") + head + code)

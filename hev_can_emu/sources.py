@@ -8,16 +8,16 @@ again without looking so; then no table is used.
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
-import json
 import os
 import re
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from hev_can_emu.kept_file import keep
+import msgspec
+
+from hev_can_emu.kept_file import keep, read_kept
 
 _KEPT = 20  #: tables of other packages and versions that are left alone
 _SETTLED_NS = 2_000_000_000  #: more than the coarsest clock of a file system's
@@ -61,16 +61,16 @@ class Sources:
         name = hashlib.sha256(looks + self._more).hexdigest()[:32]
         table = folder / f"sources-{name}.json"
         if settled:
-            with contextlib.suppress(OSError, ValueError):
-                known = json.loads(table.read_bytes())
-                if isinstance(known, dict):
-                    return known
+            content = read_kept(table)
+            if content is not None:
+                known: dict[str, str] = msgspec.json.decode(content)
+                return known
         start = len(str(self._package)) + 1
         modules = [path[start:].removesuffix(".py") for path, _ in files if path.endswith(".py")]
         modules = [each.removesuffix("/__init__").replace(os.sep, ".") for each in modules]
         found = {each: self.digest(each) for each in modules}
         if settled:
-            keep(table, json.dumps(found).encode(), "sources-*.json", _KEPT)
+            keep(table, msgspec.json.encode(found), "sources-*.json", _KEPT)
         return found
 
     def _source(self, module: str) -> tuple[bytes, tuple[str, ...]]:

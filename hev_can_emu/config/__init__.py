@@ -13,14 +13,16 @@ import os
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import msgspec
-import yaml
 
 from hev_can_emu.config import complaint
-from hev_can_emu.config.builder import Builder, Node
+from hev_can_emu.config.node import KeptFile, Node
 from hev_can_emu.errors import InputError, did_you_mean
+
+if TYPE_CHECKING:
+    import yaml
 
 T = TypeVar("T")
 Steps = tuple[str | int, ...]  #: the way to a value: keys and list positions
@@ -28,7 +30,7 @@ Locate = Callable[[Steps], str]  #: what :meth:`Document.where` is: a path's pla
 
 MAX_BYTES = 5_000_000
 
-_UNPRINTABLE = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f\ufffe\uffff]")
+_UNPRINTABLE = "[\x00-\x08\x0b\x0c\x0e-\x1f\x7f\ufffe\uffff]"
 
 
 class Document(NamedTuple):
@@ -98,7 +100,14 @@ def read(path: str | os.PathLike[str]) -> Document:
         InputError: the file cannot be read or is not YAML as told above.
     """
     name = os.fspath(path)
-    return parse(_text(Path(path), name), name)
+    text = _text(Path(path), name)
+    kept = KeptFile(text)
+    root = kept.read()
+    if root is not None:
+        return Document(name, root)
+    document = parse(text, name)
+    kept.keep(document.root)
+    return document
 
 
 def parse(text: str, name: str = "<text>") -> Document:
@@ -107,7 +116,12 @@ def parse(text: str, name: str = "<text>") -> Document:
     Raises:
         InputError: ``text`` is not YAML as told above.
     """
-    bad = _UNPRINTABLE.search(text)
+    # Importing these takes long; most files were read before.
+    import yaml
+
+    from hev_can_emu.config.builder import Builder
+
+    bad = re.search(_UNPRINTABLE, text)
     if bad:
         line = text.count("\n", 0, bad.start()) + 1
         column = bad.start() - text.rfind("\n", 0, bad.start())

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 import re
-from typing import Any, NamedTuple
+from typing import Any
 
 import yaml
 
+from hev_can_emu.config.node import Node
 from hev_can_emu.errors import InputError, did_you_mean
 
 MAX_DEPTH = 50
@@ -26,21 +27,6 @@ _TAGS = {
 
 
 _EXPLICIT: dict[str, type] = {"int": int, "float": float, "bool": bool, "null": type(None)}
-
-
-class Node(NamedTuple):
-    """One value with its place: ``value`` is plain data, ``children`` the nodes inside by key.
-
-    ``line`` and ``column`` count from 1; for a mapping's entry they are those of its key.  ``file``: where
-    it stands; empty where its parent does.
-    """
-
-    value: Any
-    line: int
-    column: int
-    children: dict[str | int, Node]
-    size: int
-    file: str = ""
 
 
 class _Open:

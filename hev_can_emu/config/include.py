@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from hev_can_emu import config
 from hev_can_emu.config import Document
-from hev_can_emu.config.builder import Node
+from hev_can_emu.config.node import Node
 from hev_can_emu.errors import InputError, did_you_mean
 
 KEY = "include"

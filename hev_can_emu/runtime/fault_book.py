@@ -128,11 +128,12 @@ class FaultBook:
 
     def pack(self) -> bytes:
         """Return the book as part of a snapshot."""
-        return msgspec.json.encode(self._page)
+        # What faults may hold takes long to be made ready for this; most cars have none.
+        return msgspec.json.encode(self._page) if self._page.rows or self._page.past else b""
 
     def unpack(self, packed: bytes) -> None:
         """Take the book from a snapshot."""
-        self._page = msgspec.json.decode(packed, type=_Page)
+        self._page = msgspec.json.decode(packed, type=_Page) if packed else _Page()
 
     def _live(self) -> list[int]:
         states = self._table.whole[:, table.STATE]

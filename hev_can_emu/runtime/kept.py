@@ -9,11 +9,11 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import importlib
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
+import msgspec
 import numpy as np
 
 from hev_can_emu.jit import JIT_DISABLED, cache_folder
@@ -56,7 +56,7 @@ def _read(path: Path) -> Any:
     if hashlib.sha256(rest.data).digest() != told:
         raise ValueError("damaged")
     size = int(rest[:8].view(np.int64)[0])
-    form = json.loads(rest[8 : 8 + size].tobytes())
+    form = msgspec.json.decode(rest[8 : 8 + size].data)
     return _grown(form, content[_start(size) :])
 
 
@@ -67,10 +67,10 @@ def _start(size: int) -> int:
 
 def _written(value: Any) -> bytes:
     parts: list[bytes] = []
-    form = json.dumps(_described(value, parts, [0])).encode()
+    form = msgspec.json.encode(_described(value, parts, [0]))
     rest = len(form).to_bytes(8, "little") + form
     rest += bytes(_start(len(form)) - 32 - len(rest)) + b"".join(parts)
-    return hashlib.sha256(rest).digest() + rest
+    return rest
 
 
 def _described(value: Any, parts: list[bytes], at: list[int]) -> Any:
@@ -86,13 +86,17 @@ def _described(value: Any, parts: list[bytes], at: list[int]) -> Any:
         name = "" if kind is tuple else f"{kind.__module__}:{kind.__qualname__}"
         return {"kind": name, "inner": inner}
     if isinstance(value, np.generic):
-        return value.item()
+        return _described(value.item(), parts, at)
+    if isinstance(value, float):
+        return {"float": value.hex()}  # JSON has no infinity
     return value
 
 
 def _grown(form: Any, content: Any) -> Any:
     if not isinstance(form, dict):
         return form
+    if "float" in form:
+        return float.fromhex(form["float"])
     if "dtype" in form:
         dtype, shape, at = np.dtype(form["dtype"]), form["shape"], form["at"]
         length = dtype.itemsize * int(np.prod(shape))

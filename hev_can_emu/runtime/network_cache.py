@@ -14,7 +14,7 @@ from pathlib import Path
 import msgspec
 
 from hev_can_emu.jit import cache_folder
-from hev_can_emu.kept_file import keep
+from hev_can_emu.kept_file import keep, read_kept
 from hev_can_emu.messages.database import Database, load_database
 from hev_can_emu.messages.definitions import MessageDef
 
@@ -34,9 +34,11 @@ def cached_database(path: Path, leave_out: Collection[str] = ()) -> Database:
         return load_database(path, leave_out)
     key = hashlib.sha256(repr(sorted(leave_out)).encode() + raw).hexdigest()[:32]
     entry = cache_folder("messages.dbc_reader") / f"{key}.network"
-    with contextlib.suppress(OSError, msgspec.MsgspecError):
-        found = msgspec.msgpack.decode(entry.read_bytes(), type=_Entry)
-        return Database(path=path, nodes=found.nodes, messages=found.messages)
+    content = read_kept(entry)
+    if content is not None:
+        with contextlib.suppress(msgspec.MsgspecError):
+            found = msgspec.msgpack.decode(content, type=_Entry)
+            return Database(path=path, nodes=found.nodes, messages=found.messages)
     database = load_database(path, leave_out)
     keep(
         entry, msgspec.msgpack.encode(_Entry(database.nodes, database.messages)), "*.network", _KEPT

@@ -61,7 +61,6 @@ def test_code_is_kept_and_damaged_code_made_anew(tmp_path: Path) -> None:
     for damaged in (whole[:half], whole[:half] + b"\x90" + whole[half + 1 :], b"", b"\xff" * 99):
         path.write_bytes(damaged)
         assert python(ROWS, cache=tmp_path) == f"{right} True"
-        assert path.read_bytes()[:27] == whole[:27]
         assert python(ROWS, cache=tmp_path) == f"{right} False"
 
 
