@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import os
 import struct
-import tempfile
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
@@ -158,6 +157,8 @@ def _template(path: Path, epoch_ns: int) -> tuple[bytes, list[_Group]]:
                 source=SourceInformation(source_type=SOURCE_BUS, bus_type=BUS_TYPE_CAN),
             )
         )
+    import tempfile  # what a recording need not import
+
     with tempfile.TemporaryDirectory() as folder:
         saved = made.save(os.path.join(folder, "empty.mf4"), compression=0)
         made.close()
