@@ -20,21 +20,26 @@ def read_kept(path: Path) -> bytes | None:
     return content if hashlib.sha256(content).digest() == whole[:CHECK] else None
 
 
-def keep(path: Path, content: bytes, alike: str = "", most: int = 0) -> None:
+def keep(
+    path: Path, content: bytes, alike: str = "", most: int = 0, check: bytes | None = None
+) -> None:
     """Write a file in one piece, so that no other process reads half of it; do nothing where that fails.
 
     Args:
         path: of the file, in a folder that should be there.
-        content: what to write, after its hash.
+        content: what to write.
         alike: pattern of the names of files beside it that count as alike; none of them counts if empty.
         most: how many of those may stay, the newest.
+        check: what stands before the content, of CHECK bytes; the SHA-256 that :func:`read_kept` asks for
+            if None.
     """
     import tempfile  # takes a millisecond, and is seldom needed
 
     with contextlib.suppress(OSError):
         handle, name = tempfile.mkstemp(dir=path.parent)
         with os.fdopen(handle, "wb") as file:
-            file.write(hashlib.sha256(content).digest() + content)
+            file.write(check or hashlib.sha256(content).digest())
+            file.write(content)
         os.replace(name, path)
         if alike:
             entries = sorted(path.parent.glob(alike), key=lambda each: each.stat().st_mtime)

@@ -147,14 +147,14 @@ class _Form:
         if isinstance(value, np.ndarray):
             if not value.flags.c_contiguous:
                 raise ValueError("an array that is not contiguous")
-            name = self._name("dtype", value.dtype, str(value.dtype))
+            name = self._name("dtype", value.dtype)
             self.parts.append(f"{value.ndim}{name}")
             self.words += [value.__array_interface__["data"][0], *value.shape]
             shape = "".join(f"table[{at + 1 + axis}], " for axis in range(value.ndim))
             return f"array_at(table[{at}], ({shape}), {name})"
         if isinstance(value, tuple) and hasattr(value, "_fields"):
             kind = type(value)
-            name = self._name("kind", kind, f"{kind.__module__}.{kind.__qualname__}")
+            name = self._name("kind", kind)
             self.parts.append(f"{name}(")
             inner = ", ".join([self.add(each) for each in value])
             self.parts.append(")")
@@ -172,12 +172,13 @@ class _Form:
             return f"table[{at}]"
         raise TypeError(f"no argument for machine code: {type(value).__name__}")
 
-    def _name(self, prefix: str, value: Any, text: str) -> str:
+    def _name(self, prefix: str, value: Any) -> str:
         for name, known in self.names.items():
             if known is value or (prefix == "dtype" and known == value):
                 return name
         name = f"{prefix}{len(self.names)}"
         self.names[name] = value
+        text = str(value) if prefix == "dtype" else f"{value.__module__}.{value.__qualname__}"
         self.parts.append(f"{name}={text}")
         return name
 
@@ -235,9 +236,9 @@ def _machine() -> Any:
 def _processor() -> str:
     """Return what tells processors apart, as Linux has it, which LLVM takes long to be asked for."""
     told = {}
-    with contextlib.suppress(OSError, ValueError), open("/proc/cpuinfo", encoding="ascii") as lines:
+    with contextlib.suppress(OSError), open("/proc/cpuinfo", "rb") as lines:
         for line in lines:
-            name, colon, value = line.partition(":")
+            name, colon, value = line.decode(errors="replace").partition(":")
             if not colon:
                 break  # the next one's
             told[name.strip()] = value.strip()
@@ -272,11 +273,16 @@ def _own() -> str:
     return hashlib.sha256(b"".join(each.read_bytes() for each in both)).hexdigest()
 
 
+@functools.cache
+def _process() -> ctypes.CDLL:
+    """Return what looks functions up in the libraries that are loaded."""
+    return ctypes.CDLL(None)
+
+
 def _address(symbol: str) -> int:
     """Return where a function of this name is, 0 if nowhere."""
     with contextlib.suppress(AttributeError):
-        found = getattr(ctypes.CDLL(None), symbol)
-        return ctypes.cast(found, ctypes.c_void_p).value or 0
+        return ctypes.cast(getattr(_process(), symbol), ctypes.c_void_p).value or 0
     if symbol.startswith("NRT_"):
         return _run_time().get(symbol.removeprefix("NRT_"), 0)
     return 0

@@ -5,7 +5,6 @@ Written by hand: a full-screen toolkit's refresh takes many milliseconds, and so
 
 from __future__ import annotations
 
-import shutil
 import sys
 
 _ERASE = "\r\x1b[K"
@@ -22,6 +21,8 @@ class LiveLine:
         """Rewrite the line, cut to the terminal's width."""
         if not self.live:
             return
+        import shutil  # takes a millisecond or two, which a run without a terminal need not spend
+
         width = shutil.get_terminal_size().columns
         sys.stderr.write(_ERASE + text[: width - 1])
         sys.stderr.flush()

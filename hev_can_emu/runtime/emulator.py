@@ -44,15 +44,12 @@ from hev_can_emu.ecu.trouble_codes import (
 )
 from hev_can_emu.errors import InputError, did_you_mean
 from hev_can_emu.jit import uncompiled
-from hev_can_emu.messages.codec import build_codec
 from hev_can_emu.messages.database import Database
 from hev_can_emu.messages.definitions import SignalDef
 from hev_can_emu.messages.frame import FRAME, make_frames
-from hev_can_emu.messages.protection import build_protection
 from hev_can_emu.messages.restbus import (
     T_COLUMNS,
     T_SATURATED,
-    build_restbus,
     new_wake,
     reset_restbus,
     restbus_state_size,
@@ -68,6 +65,7 @@ from hev_can_emu.runtime import tick
 from hev_can_emu.runtime.car import Car
 from hev_can_emu.runtime.fault_book import FaultBook, InjectedFault
 from hev_can_emu.runtime.network_cache import cached_database
+from hev_can_emu.runtime.network_tables import network_tables
 from hev_can_emu.runtime.setup import (
     MODELS,
     PROTECTION_MODES,
@@ -159,7 +157,6 @@ class Emulator:
         played = {node: OWNER_EXTERNAL for node in driver_nodes if owners[node] == OWNER_EMULATED}
         ties = with_ownership(ties, {**dict(enumerate(owners)), **played})
         awake_always = driver_nodes | self._nodes_sending(ties, ports.S_DRIVING_MODE)
-        codec = build_codec(self.database)
         controlled = ports.FAULT_COMMAND in ties.rx_port
         if self.setup.faults is not None and not controlled:
             hint = "bind one to the port 'fault_command'"
@@ -167,13 +164,11 @@ class Emulator:
                 "--faults", "a message that injects faults", "none in the network", hint
             )
         faults, locate_fault = prepared_faults(self.setup) if controlled else ((), str)
+        codec, protection, restbus = network_tables(self.database)
         self.constants = Constants(
             codec=codec,
-            protection=build_protection(
-                [m.protection for m in self.database.messages],
-                [m.length for m in self.database.messages],
-            ),
-            restbus=build_restbus(self.database),
+            protection=protection,
+            restbus=restbus,
             ties=ties,
             rules=resolve_rules(bindings, self.database, ties, document.where),
             plant=self._car.plant,

