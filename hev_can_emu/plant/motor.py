@@ -305,10 +305,24 @@ def motor_step(
             torque min and max available (also
             told while disabled) N m, DC power W (positive consumes), loss, winding and inverter loss W.
     """
-    limits = out[
-        source.N_OUT :
-    ]  # min and max in their final place, the two codes overwritten below
-    motor_limits(p, speed, dc_voltage, winding_temperature, inverter_temperature, limits)
+    motor_limits(
+        p, speed, dc_voltage, winding_temperature, inverter_temperature, out[source.N_OUT :]
+    )
+    motor_step_within(p, x, request, enabled, speed, out)
+
+
+@small_kernel
+def motor_step_within(
+    p: NDArray[np.float64],
+    x: NDArray[np.float64],
+    request: float,
+    enabled: float,
+    speed: float,
+    out: NDArray[np.float64],
+) -> None:
+    """As :func:`motor_step`, with what :func:`motor_limits` wrote into ``out[torque_source.N_OUT:]``."""
+    # Least and greatest torque stand in their final place, the two codes are overwritten below.
+    limits = out[source.N_OUT :]
     low, high = limits[LIM_TORQUE_MIN], limits[LIM_TORQUE_MAX]
     torque_source_step(
         p, x, request, enabled, low, high, limits[LIM_REASON_MIN], limits[LIM_REASON_MAX], out

@@ -272,9 +272,9 @@ def plant_step(
     inverter1 = x[X_THERMAL1 + thermal.X_INVERTER]
     winding2 = x[X_THERMAL2 + thermal.X_WINDING]
     inverter2 = x[X_THERMAL2 + thermal.X_INVERTER]
-    limits = work[8:12]
     out1 = work[16 : 16 + motor.N_OUT]
     out2 = work[32 : 32 + motor.N_OUT]
+    limits1, limits2 = out1[torque_source.N_OUT :], out2[torque_source.N_OUT :]
     scratch = work[48:64]
     mode1, mode2 = u[U_EM1_MODE], u[U_EM2_MODE]
     # While the contactors open, the motors ramp down to zero: no load is torn off.
@@ -283,20 +283,20 @@ def plant_step(
     active2 = 1.0 if closed and mode2 in (TORQUE, SPEED) else 0.0
     x_em1 = x[X_EM1 : X_EM1 + motor.N_STATE]
     x_em2 = x[X_EM2 : X_EM2 + motor.N_STATE]
-    motor.motor_limits(plant.em1, speed1, link, winding1, inverter1, limits)
+    motor.motor_limits(plant.em1, speed1, link, winding1, inverter1, limits1)
     demand1 = _motor_demand(
         mode1 if active1 > 0.5 else float(OFF), u[U_EM1_TORQUE], u[U_EM1_SPEED],
-        u[U_EM1_TORQUE_MIN], u[U_EM1_TORQUE_MAX], speed1, y[Y_EM1_TORQUE], limits,
+        u[U_EM1_TORQUE_MIN], u[U_EM1_TORQUE_MAX], speed1, y[Y_EM1_TORQUE], limits1,
         plant.control1, x[X_CONTROL1 : X_CONTROL1 + speed_control.N_STATE], scratch,
     )  # fmt: skip
-    motor.motor_limits(plant.em2, speed2, link, winding2, inverter2, limits)
+    motor.motor_limits(plant.em2, speed2, link, winding2, inverter2, limits2)
     demand2 = _motor_demand(
         mode2 if active2 > 0.5 else float(OFF), u[U_EM2_TORQUE], u[U_EM2_SPEED],
-        u[U_EM2_TORQUE_MIN], u[U_EM2_TORQUE_MAX], speed2, y[Y_EM2_TORQUE], limits,
+        u[U_EM2_TORQUE_MIN], u[U_EM2_TORQUE_MAX], speed2, y[Y_EM2_TORQUE], limits2,
         plant.control2, x[X_CONTROL2 : X_CONTROL2 + speed_control.N_STATE], scratch,
     )  # fmt: skip
-    motor.motor_step(plant.em1, x_em1, demand1, active1, speed1, link, winding1, inverter1, out1)
-    motor.motor_step(plant.em2, x_em2, demand2, active2, speed2, link, winding2, inverter2, out2)
+    motor.motor_step_within(plant.em1, x_em1, demand1, active1, speed1, out1)
+    motor.motor_step_within(plant.em2, x_em2, demand2, active2, speed2, out2)
     power_allocation.allocate(
         plant.em1, plant.em2, out1[torque_source.OUT_TORQUE], out2[torque_source.OUT_TORQUE],
         speed1, speed2, active1, active2, auxiliary, discharge_limit, charge_limit, scratch,

@@ -139,7 +139,7 @@ def _perform(
     if recording or waiting or control[FOLLOWING] > 0:
         _fill(script, t_ns, on_bus, seen_ns, truth)
     if waiting:
-        if _has_come(script, t_ns):
+        if _has_come(control, script.code, script.row, script.stack, t_ns):
             return TRIGGERED
         if t_ns >= control[TIMEOUT_NS]:
             return TIMED_OUT
@@ -153,7 +153,10 @@ def _perform(
         control[ROWS] = at + 1
     for shape in range(script.shapes.shape[0]):
         if script.shapes[shape, KIND] != IDLE:
-            value = _shape(script, shape, t_ns)
+            value = _shape(
+                script.shapes[shape], script.shape_values[shape], script.code, script.row,
+                script.stack, script.samples, t_ns,
+            )  # fmt: skip
             if not math.isnan(value):
                 values[script.shapes[shape, SIGNAL]] = value
     return GO_ON
@@ -183,11 +186,10 @@ def _fill(script: Script, t_ns: int, on_bus: Array, seen_ns: Integers, truth: Ar
 
 
 @inner_kernel
-def _has_come(script: Script, t_ns: int) -> bool:
+def _has_come(control: Integers, code: Code, row: Array, stack: Array, t_ns: int) -> bool:
     """Return whether the awaited condition has held for as long as it must."""
-    control = script.control
-    code = script.code[control[CONDITION_FIRST] : control[CONDITION_STOP]]
-    if evaluate(code, script.row, script.stack) != 1.0:
+    awaited = code[control[CONDITION_FIRST] : control[CONDITION_STOP]]
+    if evaluate(awaited, row, stack) != 1.0:
         control[TRUE_SINCE_NS] = -1
         return False
     if control[TRUE_SINCE_NS] < 0:
@@ -196,15 +198,19 @@ def _has_come(script: Script, t_ns: int) -> bool:
 
 
 @inner_kernel
-def _shape(script: Script, shape: int, t_ns: int) -> float:
-    """Return a running stimulus's value now; NaN leaves the one before.  What has ended becomes idle."""
-    whole, parts = script.shapes[shape], script.shape_values[shape]
+def _shape(
+    whole: Integers, parts: Array, code: Code, row: Array, stack: Array, samples: Array, t_ns: int
+) -> float:
+    """Return a running stimulus's value now; NaN leaves the one before.  What has ended becomes idle.
+
+    ``whole``, ``parts``: its row of ``shapes`` and of ``shape_values``; the rest as in :class:`Script`.
+    """
     kind = whole[KIND]
     elapsed = t_ns - whole[BEGIN_NS]
     length = whole[LENGTH_NS]
     if kind == FOLLOW:
-        code = script.code[whole[FIRST] : whole[FIRST] + whole[COUNT]]
-        value = evaluate(code, script.row, script.stack) * parts[0] + parts[1]
+        span = code[whole[FIRST] : whole[FIRST] + whole[COUNT]]
+        value = evaluate(span, row, stack) * parts[0] + parts[1]
         return value if math.isfinite(value) else math.nan
     if kind == WAVE:
         return float(parts[0] + parts[1] * math.sin(parts[2] * (elapsed * 1e-9) + parts[3]))
@@ -224,8 +230,8 @@ def _shape(script: Script, shape: int, t_ns: int) -> float:
         if number >= whole[COUNT] * whole[MODE] - 1:
             whole[KIND] = IDLE
             number = whole[COUNT] * whole[MODE] - 1
-        return float(script.samples[whole[FIRST] + number % whole[COUNT], 1])
-    return _looked_up(script, whole, elapsed * 1e-9)
+        return float(samples[whole[FIRST] + number % whole[COUNT], 1])
+    return _looked_up(samples, whole, elapsed * 1e-9)
 
 
 @inner_kernel
@@ -238,9 +244,8 @@ def _swept(t: float, length: float, low: float, high: float, logarithmic: int) -
 
 
 @inner_kernel
-def _looked_up(script: Script, whole: Integers, t: float) -> float:
+def _looked_up(samples: Array, whole: Integers, t: float) -> float:
     """Return a table's value at ``t``, s: the last row's up to then, or on the line to the next one."""
-    samples = script.samples
     low, high = whole[FIRST], whole[FIRST] + whole[COUNT]  # the last row at or before t
     if t < samples[low, 0]:
         return math.nan
