@@ -13,7 +13,7 @@ from collections.abc import Iterable
 import numpy as np
 import numpy.typing as npt
 
-from hev_can_emu.jit import kernel
+from hev_can_emu.jit import inner_kernel, kernel
 
 Array = npt.NDArray[np.float64]
 Op = tuple[int, float]  #: an operation and its operand: a number, or a column of the row
@@ -130,13 +130,61 @@ def _compares(operation: int, a: float, b: float) -> bool:
     return not (math.isnan(a) or math.isnan(b) or near)
 
 
+@inner_kernel
+def _many(code: Code, rows: Array, first: int, count: int, stack: Array) -> None:
+    """Do what :func:`evaluate` does for ``count`` rows from ``first`` on; ``stack[0]`` has the values."""
+    top = 0
+    for i in range(code.shape[0]):
+        operation = int(code[i, 0])
+        if operation == CONSTANT:
+            for n in range(count):
+                stack[top, n] = code[i, 1]
+            top += 1
+            continue
+        if operation == COLUMN:
+            column = int(code[i, 1])
+            for n in range(count):
+                stack[top, n] = rows[first + n, column]
+            top += 1
+            continue
+        if operation >= ADD:
+            top -= 1
+        left, right = stack[top - 1], stack[top]
+        # The usual ones as loops that become vector instructions.
+        if operation == ABSOLUTE:
+            for n in range(count):
+                left[n] = abs(left[n])
+        elif operation == SUBTRACT:
+            for n in range(count):
+                left[n] -= right[n]
+        elif operation == LESS:
+            for n in range(count):
+                left[n] = 1.0 if left[n] < right[n] else 0.0
+        elif operation == LESS_OR_EQUAL:
+            for n in range(count):
+                left[n] = 1.0 if left[n] <= right[n] else 0.0
+        elif operation < ADD:
+            for n in range(count):
+                left[n] = _unary(operation, left[n])
+        else:
+            for n in range(count):
+                left[n] = _binary(operation, left[n], right[n])
+
+
 @kernel
 def evaluate_rows(code: Code, rows: Array, stack: Array, out: Array) -> int:
     """Write into ``out``, shape (n,), the value of ``code`` over each of ``rows``, shape (n, columns).
 
+    ``stack`` is scratch, shape (at least :func:`depth` and one more, any number of rows taken at once).
+
     Returns:
         n.
     """
-    for i in range(rows.shape[0]):
-        out[i] = evaluate(code, rows[i], stack)
+    done = 0
+    while done < rows.shape[0]:
+        count = min(stack.shape[1], rows.shape[0] - done)
+        _many(code, rows, done, count, stack)
+        for n in range(count):
+            out[done + n] = stack[0, n]
+        done += count
     return int(rows.shape[0])

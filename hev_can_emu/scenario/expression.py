@@ -15,7 +15,7 @@ from hev_can_emu.units import Unit
 
 Array = npt.NDArray[np.float64]
 
-_STACK = np.empty(STACK)
+_STACK = np.empty((STACK + 1, 64))  # of so many rows at a time
 
 
 class Read(NamedTuple):

@@ -11,6 +11,7 @@ from scenario_bench import EVENTS, TRUTHS
 
 from hev_can_emu.errors import InputError
 from hev_can_emu.scenario import columns as kinds
+from hev_can_emu.scenario import evaluation as machine
 from hev_can_emu.scenario.columns import Columns
 from hev_can_emu.scenario.expression import Expression, over_rows
 from hev_can_emu.scenario.expression_compiler import Scope, compile_expression
@@ -264,3 +265,38 @@ def test_any_text_compiles_or_is_refused(text: str) -> None:
     except InputError:
         return
     expression.value(np.ones(len(columns)))
+
+
+def programs() -> st.SearchStrategy[list[tuple[int, float]]]:
+    leaf = st.one_of(
+        st.tuples(st.just(machine.CONSTANT), st.floats(-3.0, 3.0)),
+        st.tuples(st.just(machine.COLUMN), st.integers(0, 2).map(float)),
+    ).map(lambda op: [op])
+    return st.recursive(
+        leaf,
+        lambda inner: st.one_of(
+            st.builds(
+                lambda x, op: [*x, (op, 0.0)], inner, st.integers(machine.NEGATE, machine.AVAILABLE)
+            ),
+            st.builds(
+                lambda x, y, op: [*x, *y, (op, 0.0)],
+                inner,
+                inner,
+                st.integers(machine.ADD, machine.OR),
+            ),
+        ),
+        max_leaves=12,
+    )
+
+
+@given(program=programs(), count=st.sampled_from([1, 63, 64, 65, 200]), seed=st.integers(0, 99))
+def test_many_rows_at_a_time_give_what_one_row_gives(
+    program: list[tuple[int, float]], count: int, seed: int
+) -> None:
+    random = np.random.default_rng(seed)
+    rows = random.choice([NAN, 0.0, -0.0, 1.0, 2.5, -1.5, math.inf], size=(count, 3))
+    code, stack = machine.build(program), np.empty(machine.STACK)
+    expected = np.array([machine.evaluate(code, row, stack) for row in rows])
+    found = over_rows(code, rows)
+    assert np.array_equal(found, expected, equal_nan=True)
+    assert np.array_equal(np.signbit(found), np.signbit(expected)) or np.isnan(expected).any()
