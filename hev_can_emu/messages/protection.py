@@ -167,11 +167,13 @@ def _word_row(
         after = ids if layout[message, P_POSITION] == _SUFFIX else 0
         row[words.G_OFFSETS : words.G_OFFSETS + 8] = words.offsets_of(covered, after, begin)
         zeros = np.zeros(8, dtype=np.uint8)
+        differing = 16 if chosen_by_counter else 2 if layout[message, P_MODE] == _ALTERNATING else 1
         with uncompiled():
-            for counter in range(16):
-                row[words.G_STARTS + counter] = _compute_crc(
-                    layout, data_ids, tables, message, zeros, 0, length, counter
-                )
+            starts = [
+                _compute_crc(layout, data_ids, tables, message, zeros, 0, length, counter)
+                for counter in range(differing)
+            ]
+        row[words.G_STARTS : words.G_STARTS + 16] = starts * (16 // differing)
     row[words.G_KEEP] = _signed(~taken & (1 << 64) - 1)
     return row
 
