@@ -8,6 +8,7 @@ a recording has no gaps.
 from __future__ import annotations
 
 import contextlib
+import importlib
 import itertools
 import threading
 import time
@@ -15,20 +16,15 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import NamedTuple, Protocol, Self
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from hev_can_emu.errors import InputError, StateError, did_you_mean
 from hev_can_emu.messages.frame_copy import copy_frames
-from hev_can_emu.telemetry.candump import CandumpWriter
-from hev_can_emu.telemetry.csv_table import CsvFile
-from hev_can_emu.telemetry.mf4 import Mf4File
-from hev_can_emu.telemetry.parquet_table import ParquetFile
 from hev_can_emu.telemetry.table import Network
 from hev_can_emu.telemetry.table_file import RowFile, TableFile
-from hev_can_emu.telemetry.vector import AscFile, BlfFile
 
 FLUSH_S = 0.5  #: the file is complete up to this long ago, even if the process is killed
 PARQUET_FLUSH_S = 2.0  #: the same for Parquet, whose parts are costly
@@ -52,17 +48,28 @@ class FrameFile(Protocol):
 
 Maker = Callable[[Path, int, str], FrameFile]
 
+
+def _in(module: str, name: str) -> Callable[..., Any]:
+    """Return what makes files of a class, whose module is imported with the first of them."""
+
+    def make(*arguments: Any) -> Any:
+        found = importlib.import_module(f"{__package__}.{module}")
+        return getattr(found, name)(*arguments)
+
+    return make
+
+
 FORMATS: dict[str, Maker] = {
-    ".log": CandumpWriter,
-    ".blf": BlfFile,
-    ".asc": AscFile,
-    ".mf4": Mf4File,
+    ".log": _in("candump", "CandumpWriter"),
+    ".blf": _in("vector", "BlfFile"),
+    ".asc": _in("vector", "AscFile"),
+    ".mf4": _in("mf4", "Mf4File"),
 }
 """File ending to format: called with path, Unix time at time zero in ns, and channel name."""
 
 TABLES: dict[str, tuple[Callable[[Path, Network], RowFile], float]] = {
-    ".csv": (CsvFile, FLUSH_S),
-    ".parquet": (ParquetFile, PARQUET_FLUSH_S),
+    ".csv": (_in("csv_table", "CsvFile"), FLUSH_S),
+    ".parquet": (_in("parquet_table", "ParquetFile"), PARQUET_FLUSH_S),
 }
 """The same for decoded signals: called with path and network; and how often they are flushed, s."""
 
