@@ -98,6 +98,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         gc.set_threshold(100_000, 50, 100)
         # Its matrices are small: threads that stand ready for large ones would cost more than they save.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+        atexit.register(gc.freeze)  # the last collection, at the end, would find nothing of use
     arguments = list(sys.argv[1:] if argv is None else argv)
     parser = build_parser(arguments)
     try:

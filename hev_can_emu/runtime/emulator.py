@@ -18,7 +18,6 @@ from hev_can_emu.ecu import (
     supervision,
     transmission_unit,
 )
-from hev_can_emu.ecu.bindings import resolve
 from hev_can_emu.ecu.fault_rows import Network
 from hev_can_emu.ecu.fault_table import FaultTable
 from hev_can_emu.ecu.faults import BUS_FAULTS, Fault
@@ -65,7 +64,7 @@ from hev_can_emu.runtime import tick
 from hev_can_emu.runtime.car import Car
 from hev_can_emu.runtime.fault_book import FaultBook, InjectedFault
 from hev_can_emu.runtime.network_cache import cached_database
-from hev_can_emu.runtime.network_tables import network_tables
+from hev_can_emu.runtime.network_tables import network_tables, network_ties
 from hev_can_emu.runtime.setup import (
     MODELS,
     PROTECTION_MODES,
@@ -148,7 +147,7 @@ class Emulator:
         self.database: Database = complete(
             bindings, cached_database(dbc, bindings.leave_out), document.where
         )
-        ties = resolve(bindings, self.database, document.where)
+        ties = network_ties(bindings, self.database, document.where)
         self.node_names = tuple(bindings.nodes)
         driver_nodes = self._nodes_with(ties, _DRIVER_PORTS)
         owners = self._owners(ties)

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import msgspec
 
+from hev_can_emu.config import Locate
+from hev_can_emu.ecu.bindings import resolve
+from hev_can_emu.ecu.bindings_file import Bindings
+from hev_can_emu.ecu.ties import ResolvedBindings
 from hev_can_emu.messages.codec_tables import Codec, build_codec
 from hev_can_emu.messages.database import Database
 from hev_can_emu.messages.protection import Protection, build_protection
@@ -22,3 +26,9 @@ def network_tables(database: Database) -> tuple[Codec, Protection, Restbus]:
         return build_codec(database), build_protection(specs, lengths), build_restbus(database)
 
     return kept(_CODE, "tables", msgspec.msgpack.encode(database.messages), make)
+
+
+def network_ties(bindings: Bindings, database: Database, locate: Locate) -> ResolvedBindings:
+    """Return what :func:`hev_can_emu.ecu.bindings.resolve` returns; raises as it does."""
+    key = msgspec.msgpack.encode((bindings, database.nodes, database.messages))
+    return kept(_CODE, "ties", key, lambda: resolve(bindings, database, locate))
