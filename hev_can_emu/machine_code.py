@@ -25,7 +25,7 @@ _HEADER = b"\x7fELF\x02\x01\x01"  # 64 bits, little endian, version 1
 _RELOCATABLE_X86_64 = (1, 62)
 _SYMBOLS, _ADDENDS, _EMPTY, _NO_ADDENDS = 2, 4, 8, 9  # types of sections
 _WRITTEN, _ALLOCATED, _PER_THREAD = 1, 2, 0x400  # flags of sections
-_UNDEFINED, _SPECIAL, _COMMON = 0, 0xFF00, 0xFFF2  # what a symbol may have in a section's place
+_UNDEFINED, _COMMON = 0, 0xFFF2  # what a symbol may have in a section's place
 _ADDRESS, _DISTANCE = 1, 24  # R_X86_64_64 and R_X86_64_PC64
 
 

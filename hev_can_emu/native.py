@@ -1,7 +1,7 @@
 """Kernels as machine code that starts without Numba.
 
 What a long run calls from Python is bound to its arguments once, and then called through one table of int64:
-the addresses and shapes of all arrays, and the scalars.  Its object file is kept beside Numba's own cache,
+the addresses and shapes of all arrays, and the scalars.  Its machine code is kept beside Numba's own cache,
 under a hash of the arguments' types, of the sources, of Numba, LLVM and the processor; it is loaded in a
 thousandth of the time that Numba takes to start.  Where there is none yet, Numba makes it.
 """
