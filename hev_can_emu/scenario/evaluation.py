@@ -109,7 +109,7 @@ def _binary(operation: int, a: float, b: float) -> float:
 def _power(a: float, b: float) -> float:
     if a == 0.0 and b < 0.0:
         return math.nan
-    if a < 0.0 and b != math.floor(b):
+    if a < 0.0 and b != np.floor(b):  # of infinity too, where Python's own floor raises
         return math.nan
     if a != 0.0 and a != 1.0 and a != -1.0 and abs(b) * abs(math.log(abs(a))) > 709.0:
         return math.nan  # would not fit
