@@ -20,7 +20,7 @@ from hev_can_emu.errors import InputError
 from hev_can_emu.jit import small_kernel
 from hev_can_emu.plant import checks
 from hev_can_emu.plant import torque_source as source
-from hev_can_emu.plant.tables import blend, bracket, look_up
+from hev_can_emu.plant.tables import between, blend, bracket
 
 # Layout of the packed parameters; the tables come last, in this order: soc axis, OCV, temperature
 # axis, resistance, discharge power, charge power (rows: soc, columns: temperature).
@@ -137,7 +137,7 @@ def battery_limits(
     size = rows * columns
     row, row_share = bracket(p, P_TABLES, rows, x[X_SOC])
     column, column_share = bracket(p, temperature_at, columns, x[X_TEMPERATURE])
-    ocv = look_up(p, P_TABLES, rows, ocv_at, x[X_SOC])
+    ocv = between(p, ocv_at, row, row_share)
     r = blend(p, table_at, columns, row, row_share, column, column_share)
     pulse_out = blend(p, table_at + size, columns, row, row_share, column, column_share)
     pulse_in = blend(p, table_at + 2 * size, columns, row, row_share, column, column_share)

@@ -64,6 +64,8 @@ class RoadParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 @small_kernel
 def sine_of_grade(grade: float) -> float:
     """Return the sine of the slope's angle for ``grade``, rise over run."""
+    if grade == 0.0:
+        return grade  # the same, without root and division
     return grade / math.sqrt(1.0 + grade * grade)
 
 
@@ -88,7 +90,7 @@ def road_load(
     if math.isnan(grade):
         grade = 0.0
     sine = sine_of_grade(grade)
-    cosine = math.sqrt(1.0 - sine * sine)
+    cosine = 1.0 if sine == 0.0 else math.sqrt(1.0 - sine * sine)
     air_speed = vehicle_speed + head_wind
     rolling = p[P_ROLLING] + p[P_ROLLING_SQUARE] * vehicle_speed * vehicle_speed
     out[OUT_ROLLING_CAPACITY] = rolling * cosine

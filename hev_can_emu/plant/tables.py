@@ -32,11 +32,17 @@ def bracket(p: NDArray[np.float64], axis_at: int, count: int, x: float) -> tuple
 
 
 @kernel
+def between(p: NDArray[np.float64], table_at: int, i: int, share: float) -> float:
+    """Return the value of a table of one axis, for a segment and share found by :func:`bracket`."""
+    value: float = p[table_at + i] * (1.0 - share) + p[table_at + i + 1] * share
+    return value
+
+
+@kernel
 def look_up(p: NDArray[np.float64], axis_at: int, count: int, table_at: int, x: float) -> float:
     """Return the table of one axis at ``x``; axis and table start at the given offsets in ``p``."""
     i, share = bracket(p, axis_at, count, x)
-    value: float = p[table_at + i] * (1.0 - share) + p[table_at + i + 1] * share
-    return value
+    return between(p, table_at, i, share)
 
 
 @kernel
