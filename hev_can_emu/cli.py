@@ -104,7 +104,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         parsed = parser.parse_args(arguments)
         code: int = parsed.execute(parsed)
-        sys.stdout.flush()
+        if sys.stdout is not None:  # it was not closed from the start
+            sys.stdout.flush()
     except HevError as error:
         print(f"hev-can-emu: {error}", file=sys.stderr)
         return EXIT_UNUSABLE
@@ -131,7 +132,8 @@ def command() -> NoReturn:
         with contextlib.suppress(Exception):  # told by Python at the regular end
             atexit._run_exitfuncs()
             for stream in (sys.stdout, sys.stderr):
-                stream.flush()
+                if stream is not None:
+                    stream.flush()
             os._exit(code)
     sys.exit(code)
 

@@ -1,14 +1,15 @@
-"""The table of verdicts in the terminal: what was expected, what was seen, and by how much."""
+"""The table of verdicts: what was expected, what was seen, and by how much.
+
+A terminal gets a table that fits it, by Rich; a log one line per verdict, without the import of Rich, which
+takes longer than a short run's ticks.
+"""
 
 from __future__ import annotations
 
-import io
 import os
 import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple, TextIO
-
-from hev_can_emu.report.plain_table import Column, plain_table
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -20,15 +21,8 @@ _STYLES = {
     "inconclusive": "bold yellow",
     "error": "bold red",
 }
-_LOG_WIDTH = 140
-_COLUMNS = (
-    Column("expectation"),
-    Column("verdict", folds=False),
-    Column("at", right=True, folds=False),
-    Column("expected"),
-    Column("observed"),
-    Column("margin", right=True),
-)
+_HEADINGS = ("expectation", "verdict", "at", "expected", "observed", "margin")
+_FIXED = ("verdict", "at")  #: columns that never go on in the next line
 
 
 class VerdictRow(NamedTuple):
@@ -70,12 +64,12 @@ def verdict_table(rows: Sequence[VerdictRow], title: str) -> Table:
         box=box.SIMPLE_HEAD,
         pad_edge=False,
     )
-    for column in _COLUMNS:
+    for heading in _HEADINGS:
         table.add_column(
-            column.heading,
-            justify="right" if column.right else "left",
-            no_wrap=not column.folds,
-            overflow="fold" if column.folds else "ellipsis",
+            heading,
+            justify="right" if heading in ("at", "margin") else "left",
+            no_wrap=heading in _FIXED,
+            overflow="ellipsis" if heading in _FIXED else "fold",
         )
     for row in rows:
         table.add_row(
@@ -98,41 +92,33 @@ def summary(rows: Sequence[VerdictRow]) -> str:
     return ", ".join(parts) or "no expectations"
 
 
-def log_table(rows: Sequence[VerdictRow], title: str) -> str | None:
-    """Return the same as text for a log; None where that needs Rich, as for letters of double width."""
-    cells = [
+def log_lines(rows: Sequence[VerdictRow], title: str) -> list[str]:
+    """Return the same for a log: a verdict is a line, however long, so that it can be searched for."""
+    cells: list[tuple[str, ...]] = [
         (row.name, row.verdict, _instant(row), row.expected, row.observed, row.margin)
         for row in rows
     ]
-    return plain_table(title, _COLUMNS, cells, summary(rows), _LOG_WIDTH)
+    table = [tuple(" ".join(cell.split()) for cell in line) for line in [_HEADINGS, *cells]]
+    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+    lines = [
+        "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
+        for line in table
+    ]
+    return [title, *lines, summary(rows)]
 
 
 def print_verdicts(rows: Sequence[VerdictRow], title: str, file: TextIO | None = None) -> None:
-    """Print the table: as wide as the terminal, or broad enough for a log file (default stdout)."""
+    """Print the table, as wide as the terminal, or lines for a log file (default stdout)."""
     target = sys.stdout if file is None else file
-    text = log_table(rows, title) if _is_log(target) else None
-    if text is not None:
-        target.write(text)
-        target.flush()
+    if target is None:  # closed from the start
+        return
+    if not target.isatty() and not {"FORCE_COLOR", "TTY_COMPATIBLE"} & os.environ.keys():
+        print(*log_lines(rows, title), sep="\n", file=target, flush=True)
         return
     from rich.console import Console
 
-    console = Console(file=file, highlight=False)
-    if not console.is_terminal:
-        console = Console(file=file, highlight=False, width=_LOG_WIDTH)
-    console.print(verdict_table(rows, title))
+    Console(file=file, highlight=False).print(verdict_table(rows, title))
 
 
 def _instant(row: VerdictRow) -> str:
     return "" if row.time_s is None else f"{row.time_s:.3f} s"
-
-
-def _is_log(file: TextIO) -> bool:
-    """Return whether it is a plain file or a pipe beyond doubt; else Rich decides."""
-    return (
-        os.name == "posix"
-        and isinstance(file, io.TextIOWrapper)
-        and file.encoding.lower().startswith("utf")
-        and not file.isatty()
-        and not {"FORCE_COLOR", "TTY_COMPATIBLE"} & os.environ.keys()
-    )

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import hashlib
+import threading
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from queue import Queue
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from hev_can_emu.messages.frame import make_frames
+from hev_can_emu.messages.frame_copy import copy_frames
 from hev_can_emu.runtime.playing import Playing
 from hev_can_emu.runtime.tick import TICK_NS
 from hev_can_emu.scenario.monitor import NEVER
@@ -17,6 +20,8 @@ from hev_can_emu.scenario.monitor import NEVER
 if TYPE_CHECKING:
     from hev_can_emu.bus.medium import Medium
     from hev_can_emu.bus.wire_parts import Timing
+
+_BEHIND = 16  # calls' frames that may wait for the hash
 
 FrameSink = Callable[[npt.NDArray[np.void], int], None]
 
@@ -40,6 +45,38 @@ class TraceHash:
         other = TraceHash()
         other._digest = self._digest.copy()
         return other
+
+
+class HashBehind:
+    """As :class:`TraceHash`, on a thread of its own, to be used by ``with``: it hashes while ticks run."""
+
+    def __init__(self) -> None:
+        self._trace = TraceHash()
+        self._batches: Queue[npt.NDArray[np.void] | None] = Queue(maxsize=_BEHIND)
+        self._thread = threading.Thread(target=self._run, name="trace hash", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.end()
+
+    def add(self, frames: npt.NDArray[np.void], count: int) -> None:
+        """Take frames (FRAME records, copied) into the hash, some time before the end."""
+        if count > 0:
+            self._batches.put(copy_frames(frames[:count]))
+
+    def end(self) -> str:
+        """Wait until all is hashed; return the hash."""
+        if self._thread.is_alive():
+            self._batches.put(None)
+            self._thread.join()
+        return self._trace.hexdigest()
+
+    def _run(self) -> None:
+        while (batch := self._batches.get()) is not None:
+            self._trace.add(batch, len(batch))
 
 
 def play_on_wire(
@@ -78,14 +115,14 @@ def play_virtual(
     next multiple of ``longest_ns``, for sinks that look at the car.  The trace is the same either way.
     """
     emulator = playing.emulator
-    trace = TraceHash()
-    while not playing.finished:
-        until = NEVER
-        if longest_ns is not None:
-            until = (emulator.now_ns // longest_ns + 1) * longest_ns
-        frames, _ = playing.run(until)
-        count = len(frames)
-        trace.add(frames, count)
-        for sink in sinks:
-            sink(frames, count)
-    return trace.hexdigest()
+    with HashBehind() as trace:
+        while not playing.finished:
+            until = NEVER
+            if longest_ns is not None:
+                until = (emulator.now_ns // longest_ns + 1) * longest_ns
+            frames, _ = playing.run(until)
+            count = len(frames)
+            trace.add(frames, count)
+            for sink in sinks:
+                sink(frames, count)
+        return trace.end()
