@@ -114,7 +114,10 @@ class ScenarioItem(pytest.Item):
         playing = Playing(emulator, run.document, run.scenario, run.locate, start)
         log = RunLog(playing)
         started = time.monotonic()
-        trace = play_virtual(playing, [log.add], log.longest_ns)
+        try:
+            trace = play_virtual(playing, [log.add])
+        finally:
+            log.close()
         result = playing.result(trace)
         self.user_properties += [("outcome", result.outcome.value), ("trace", trace)]
         page = None

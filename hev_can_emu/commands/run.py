@@ -170,7 +170,6 @@ def _in_lockstep(arguments: argparse.Namespace, setup: Setup) -> int:
             bus,
             recording.sinks,
             finished=lambda: emulator.now_ns >= end_ns,
-            longest_ns=recording.longest_ns,
             end_ns=end_ns,
             tell=lambda notice: print(f"{emulator.now_ns * 1e-9:8.3f} s  {notice}"),
         )

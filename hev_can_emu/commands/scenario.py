@@ -285,9 +285,7 @@ def _run(
     trace = ""
     statistics: Statistics | None = None
     try:
-        looks = [each.longest_ns for each in (recording, log) if each is not None]
-        looks += [LOOK_NS] if mqtt.on else []
-        longest_ns = min(filter(None, looks), default=None)
+        longest_ns = LOOK_NS if mqtt.on else None
         if timing is not None:
             trace, medium = play_on_wire(playing, sinks, timing)
             print(medium.describe())
@@ -304,6 +302,8 @@ def _run(
                 mqtt.event(event)
         mqtt.ended(run)
     finally:
+        if log is not None:
+            log.close()
         recording.close()
         mqtt.stop(PATIENCE_S)
     result = Result(

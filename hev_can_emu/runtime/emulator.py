@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -79,6 +79,8 @@ BOOT_NS = control.BOOT_TICKS * TICK_NS
 AFTERRUN_NS = control.AFTERRUN_TICKS * TICK_NS
 FRAMES_OUT = 8192
 EVENTS = 4096
+LOOKS = 512  #: samples of the plant's truth that a call can give
+TRUTH_NS = 10_000_000  #: from one to the next
 
 _DRIVER_PORTS = (
     ports.ACCELERATOR,
@@ -108,6 +110,10 @@ class Event(NamedTuple):
     text: str
     number: int
     value: float
+
+
+#: Takes samples of the plant's truth, both its own: int64 (n,) and float64 (n, len(TRUTH)).
+TruthSink = Callable[[npt.NDArray[np.int64], npt.NDArray[np.float64]], None]
 
 
 class BusFaults(Protocol):
@@ -199,6 +205,7 @@ class Emulator:
         self._script = no_script()
         self._world = make_world(self.constants, self.state, self._script)
         self._noted: list[Event] = []
+        self._truth_sinks: list[TruthSink] = []
         self.bus_faults: BusFaults | None = None  #: takes faults of a bus with bit times
         self._none = make_frames(1)
 
@@ -352,13 +359,37 @@ class Emulator:
         """
         ticks = -(-(until_ns - self.now_ns) // TICK_NS)
         run_world(self._world, max(ticks, 0), frames if count > 0 else self._none, count)
-        sent, used, noted, _ = self.state.result.tolist()
+        sent, used, noted, _, looks = self.state.result.tolist()
+        if looks:
+            times, values = self.state.looks_ns[:looks].copy(), self.state.looks[:looks].copy()
+            for sink in self._truth_sinks:
+                sink(times, values)
         if noted:
             told = self.state.events[:noted]
             # A mesh that rattles does so a thousand times a second: that is for the bench.
             mesh = np.isin(told["kind"], TEETH) & (told["index"] >= MESH_EVENT)
             self._noted.extend(self._translate(event) for event in told[~mesh])
         return self.state.frames_out[:sent], used
+
+    def watch_truth(self, sink: TruthSink) -> Callable[[], None]:
+        """Give a sink the plant's truth before each tick at a multiple of TRUTH_NS, at the end of each call.
+
+        It gets them before the call's frames are known.  Where a call begins and ends changes nothing.
+
+        Returns:
+            What ends that, with the truth at that time.
+        """
+        self._truth_sinks.append(sink)
+        self.state.looking[0] = TRUTH_NS // TICK_NS
+
+        def end() -> None:
+            if sink in self._truth_sinks:
+                self._truth_sinks.remove(sink)
+                sink(np.array([self.now_ns], dtype=np.int64), self.state.truth[np.newaxis].copy())
+            if not self._truth_sinks:
+                self.state.looking[0] = 0
+
+        return end
 
     @property
     def wired(self) -> bool:
@@ -648,8 +679,11 @@ def _allocate(
         frames_out=make_frames(max(FRAMES_OUT, room)),
         scratch=make_frames(messages + HELD_FRAMES),
         events=np.zeros(EVENTS, dtype=EVENT),
-        result=np.zeros(4, dtype=np.int64),
+        result=np.zeros(5, dtype=np.int64),
         due=np.zeros(messages, dtype=np.int64),
+        looks=np.zeros((LOOKS, len(powertrain.TRUTH))),
+        looks_ns=np.zeros(LOOKS, dtype=np.int64),
+        looking=np.zeros(1, dtype=np.int64),
     )
     state.origin[:] = origin
     state.accept[:] = origin == tick.ORIGIN_BUS

@@ -9,14 +9,13 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from hev_can_emu.messages.frame import make_frames
 from hev_can_emu.plant.powertrain import TRUTH
 from hev_can_emu.plant.truth_units import truth_unit
 from hev_can_emu.runtime.emulator import Emulator
 from hev_can_emu.runtime.virtual import FrameSink
 from hev_can_emu.telemetry.recorder import Recorder, open_recorder
 from hev_can_emu.telemetry.table import Network
-
-TRUTH_NS = 10_000_000  #: distance of samples of the plant's truth
 
 
 def network_of(emulator: Emulator) -> Network:
@@ -38,9 +37,8 @@ class Recording:
     """
 
     def __init__(self, emulator: Emulator, paths: Sequence[str | Path], epoch_ns: int = 0) -> None:
-        self._emulator = emulator
         self._recorders: list[Recorder] = []
-        self._sampled_ns = -1
+        self._truth: list[tuple[int, npt.NDArray[np.float64]]] = []  # not yet in the tables
         network = network_of(emulator)
         with contextlib.ExitStack() as undo:
             for path in paths:
@@ -49,28 +47,37 @@ class Recording:
                 self._recorders.append(recorder)
             undo.pop_all()
         self._tables = [recorder for recorder in self._recorders if recorder.takes_truth]
+        self._end_watch = emulator.watch_truth(self._see) if self._tables else None
 
     @property
     def sinks(self) -> list[FrameSink]:
         """What takes the run's frames."""
-        sinks: list[FrameSink] = [recorder.write for recorder in self._recorders]
-        return [*sinks, self._sample] if self._tables else sinks
-
-    @property
-    def longest_ns(self) -> int | None:
-        """How long the car may run between two looks at it; None for as long as it likes."""
-        return TRUTH_NS if self._tables else None
+        sinks: list[FrameSink] = [
+            recorder.write for recorder in self._recorders if recorder not in self._tables
+        ]
+        return [*sinks, self._write_tables] if self._tables else sinks
 
     def close(self) -> None:
         """Complete all files; raises the first failure, when all are closed."""
+        if self._end_watch is not None:
+            self._end_watch()
         with contextlib.ExitStack() as closing:
             for recorder in self._recorders:
                 closing.callback(recorder.close)
+            if self._truth:
+                self._write_tables(make_frames(0), 0)
 
-    def _sample(self, frames: npt.NDArray[np.void], count: int) -> None:
-        """Note the plant's truth at the first call in each period."""
-        now_ns = self._emulator.now_ns
-        if now_ns // TRUTH_NS != self._sampled_ns // TRUTH_NS:
-            self._sampled_ns = now_ns
-            for table in self._tables:
-                table.write_truth(now_ns, self._emulator.state.truth)
+    def _see(self, t_ns: npt.NDArray[np.int64], truth: npt.NDArray[np.float64]) -> None:
+        self._truth += zip(t_ns.tolist(), truth, strict=True)
+
+    def _write_tables(self, frames: npt.NDArray[np.void], count: int) -> None:
+        """Write frames and samples of the plant's truth in the order of time."""
+        samples, self._truth = self._truth, []
+        ends = np.searchsorted(frames["t_ns"][:count], [t_ns for t_ns, _ in samples]).tolist()
+        for table in self._tables:
+            at = 0
+            for end, (t_ns, values) in zip(ends, samples, strict=True):
+                table.write(frames[at:], max(end - at, 0))
+                table.write_truth(t_ns, values)
+                at = max(end, at)
+            table.write(frames[at:], count - at)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -20,7 +20,6 @@ from hev_can_emu.report.run_report import Curve, Happening, Panel, Period, RunRe
 from hev_can_emu.runtime.emulator import Emulator
 from hev_can_emu.runtime.fault_book import InjectedFault
 from hev_can_emu.runtime.playing import Playing, RunResult
-from hev_can_emu.runtime.recording import TRUTH_NS
 from hev_can_emu.runtime.signal_log import SignalLog
 from hev_can_emu.runtime.statistics import Statistics
 from hev_can_emu.runtime.status_signals import status_in, status_signal
@@ -37,29 +36,33 @@ _TRUTH = "truth."
 
 
 class RunLog:
-    """Keeps what a report needs of a run; :attr:`sinks` and :attr:`longest_ns` are the run's."""
+    """Keeps what a report needs of a run: its frames, and the truth where an expectation looks at it.
+
+    To be closed when the run is over.
+    """
 
     def __init__(self, playing: Playing) -> None:
         self._emulator = playing.emulator
         self.signals = SignalLog(playing.emulator.database, playing.emulator.constants.codec)
-        self._wants_truth = any(
-            name.startswith(_TRUTH) for each in playing.player.verdicts() for name in each.reads
-        )
-        self._truth_ns: list[int] = []
+        self._truth_ns: list[npt.NDArray[np.int64]] = []
         self._truth: list[npt.NDArray[np.float64]] = []
+        wanted = [name for each in playing.player.verdicts() for name in each.reads]
+        self._end_watch: Callable[[], None] | None = None
+        if any(name.startswith(_TRUTH) for name in wanted):
+            self._end_watch = self._emulator.watch_truth(self._see)
 
-    @property
-    def longest_ns(self) -> int | None:
-        """How long the car may run between two looks at it; None for as long as it likes."""
-        return TRUTH_NS if self._wants_truth else None
+    def close(self) -> None:
+        """Look at the car no more."""
+        if self._end_watch is not None:
+            self._end_watch()
 
     def add(self, frames: npt.NDArray[np.void], count: int) -> None:
-        """Keep frames, and the plant's truth where an expectation looks at it."""
+        """Keep frames."""
         self.signals.add(frames, count)
-        now_ns = self._emulator.now_ns
-        if self._wants_truth and (not self._truth_ns or now_ns >= self._truth_ns[-1] + TRUTH_NS):
-            self._truth_ns.append(now_ns)
-            self._truth.append(self._emulator.state.truth.copy())
+
+    def _see(self, t_ns: npt.NDArray[np.int64], truth: npt.NDArray[np.float64]) -> None:
+        self._truth_ns.append(t_ns)
+        self._truth.append(truth)
 
     def curve(self, name: str) -> Curve | None:
         """Return a signal or a quantity of the plant over the run; None where there is none such."""
@@ -67,8 +70,9 @@ class RunLog:
             quantity = name.removeprefix(_TRUTH)
             if quantity not in TRUTH or not self._truth:
                 return None
-            values = np.array(self._truth)[:, TRUTH.index(quantity)]
-            return Curve(name, truth_unit(quantity), np.array(self._truth_ns) * 1e-9, values, {})
+            values = np.concatenate(self._truth)[:, TRUTH.index(quantity)]
+            times = np.concatenate(self._truth_ns).astype(np.float64) * 1e-9
+            return Curve(name, truth_unit(quantity), times, values, {})
         try:
             signal = self._emulator.database.signal(name)
         except InputError:

@@ -11,6 +11,7 @@ from hev_can_emu.messages.database import Database
 from hev_can_emu.messages.definitions import MessageDef
 from hev_can_emu.messages.frame import EXTENDED, make_frames
 from hev_can_emu.messages.frame_copy import copy_frames
+from hev_can_emu.native import Bound
 
 
 @kernel
@@ -21,10 +22,11 @@ def _decode_all(
     frames: npt.NDArray[np.void],
     values: npt.NDArray[np.float64],
     out: npt.NDArray[np.float64],
-) -> None:
+) -> int:
     for i in range(frames.shape[0]):
         decode(codec, message, frames[i]["data"], values)
         out[i] = values[signal]
+    return int(frames.shape[0])
 
 
 class SignalLog:
@@ -32,7 +34,9 @@ class SignalLog:
 
     def __init__(self, database: Database, codec: Codec) -> None:
         self._database = database
-        self._codec = codec
+        self._values = np.full(codec.signals.shape[0], np.nan)
+        example = (0, 0, make_frames(0), self._values, np.zeros(0))
+        self._decode = Bound(_decode_all, (codec,), example)
         self._parts: list[npt.NDArray[np.void]] = []
         self._sorted: dict[int, npt.NDArray[np.void]] = {}
         self.count = 0  #: frames kept
@@ -91,9 +95,9 @@ class SignalLog:
         frames = frames[frames["length"] == message.wire_length]
         if not len(frames):
             return np.zeros(0), np.zeros(0)
-        values = np.full(self._codec.signals.shape[0], np.nan)
         out = np.empty(len(frames))
-        _decode_all(self._codec, message.index, signal.index, frames, values, out)
+        self._values.fill(np.nan)
+        self._decode(message.index, signal.index, frames, self._values, out)
         return frames["t_ns"] * 1e-9, out
 
     def on_grid(self, name: str, t_s: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

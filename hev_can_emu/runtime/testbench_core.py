@@ -16,7 +16,7 @@ from hev_can_emu.messages.frame import EXTENDED, FD, frame, make_frames
 from hev_can_emu.runtime.conditions import Asker
 from hev_can_emu.runtime.emulator import Emulator, Event
 from hev_can_emu.runtime.fault_book import InjectedFault
-from hev_can_emu.runtime.recording import TRUTH_NS, Recording
+from hev_can_emu.runtime.recording import Recording
 from hev_can_emu.runtime.setup import Setup
 from hev_can_emu.runtime.signal_log import SignalLog
 from hev_can_emu.runtime.tick import ORIGIN_PLAYED, TICK_NS
@@ -237,8 +237,6 @@ class BenchCore:
     def _control(self, until_ns: int) -> int:
         """Let the controller act where it is due; return how far the car may run."""
         now = self.emulator.now_ns
-        if self._recording is not None and self._recording.longest_ns is not None:
-            until_ns = min(until_ns, (now // TRUTH_NS + 1) * TRUTH_NS)
         if self._controller is None:
             return until_ns
         if now >= self._next_control_ns:

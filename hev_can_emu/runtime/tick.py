@@ -113,7 +113,8 @@ class State(NamedTuple):
     ``seen_ns``: when; ``held`` and ``held_row``: frames that faults hold back;
     ``sensed``: the sensors' filters; ``health``: what the units know of their machines' faults;
     ``codes``: trouble codes.
-    ``frames_out``, ``events`` and ``result`` carry a call's results, ``scratch`` is where frames pass
+    ``frames_out``, ``events`` and ``result`` carry a call's results, ``looks`` and ``looks_ns`` the plant's
+    truth at some ticks, every ``looking[0]``-th, none for 0; ``scratch`` is where frames pass
     faults, ``due`` the messages that are sent; they are no part of a snapshot.
     """
 
@@ -159,6 +160,9 @@ class State(NamedTuple):
     events: Frames
     result: Integers
     due: Integers
+    looks: Array
+    looks_ns: Integers
+    looking: Integers
 
 
 @inner_kernel
@@ -363,14 +367,14 @@ def run_ticks(
     Args:
         constants, state: see there; what is sent goes to ``state.frames_out``, what happens to
             ``state.events``, and ``state.result`` tells how many: frames sent, frames taken from
-            ``frames_in``, events, ticks done.
+            ``frames_in``, events, ticks done, looks at the truth.
         script: what a scenario does at each tick; it may stop before one.
         ticks: how many.
         frames_in: received frames, in order of time; ``n_in`` of them.
 
     Returns:
-        The number of ticks done: fewer than asked for when the script stops, and when ``frames_out`` or
-        the events are nearly full.
+        The number of ticks done: fewer than asked for when the script stops, and when ``frames_out``, the
+        events or the looks are nearly full.
     """
     frames_out, events, result = state.frames_out, state.events, state.result
     codec = constants.codec
@@ -382,15 +386,21 @@ def run_ticks(
     taken: Any = np.int64(0)
     n_events: Any = np.int64(0)
     done: Any = np.int64(0)
+    n_looks: Any = np.int64(0)
     while done < ticks:
         faulty = state.faults.counts[LIVE] > 0 or state.faults.counts[HELD] > 0
         if n_out + (faulty_room(messages) if faulty else messages) > frames_out.shape[0]:
             break
-        if 2 * n_events > events.shape[0]:
+        if 2 * n_events > events.shape[0] or n_looks == state.looks_ns.shape[0]:
             break
         t_ns = state.scalars[TICKS] * TICK_NS
         if perform(script, t_ns, state.on_bus, state.seen_ns, state.truth, state.values) != GO_ON:
             break
+        if state.looking[0] > 0 and state.scalars[TICKS] % state.looking[0] == 0:
+            state.looks_ns[n_looks] = t_ns
+            for i in range(truth.shape[0]):
+                state.looks[n_looks, i] = truth[i]
+            n_looks += 1
         n_before = n_events
         if faulty:
             n_events = advance_rows(state.faults, t_ns, events, n_events)
@@ -527,7 +537,7 @@ def run_ticks(
             mark_events(script, events, n_before, n_events)
         state.scalars[TICKS] += 1
         done += 1
-    result[0], result[1], result[2], result[3] = n_out, taken, n_events, done
+    result[0], result[1], result[2], result[3], result[4] = n_out, taken, n_events, done, n_looks
     return done
 
 
