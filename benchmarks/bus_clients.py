@@ -17,7 +17,8 @@ import time
 
 from hev_can_emu.bus.open import open_bus
 from hev_can_emu.bus.port import Bus
-from hev_can_emu.runtime.emulator import Emulator, Event
+from hev_can_emu.runtime.emulator import Emulator
+from hev_can_emu.runtime.event_texts import Event
 from hev_can_emu.runtime.service import Service
 from hev_can_emu.runtime.setup import Setup
 from hev_can_emu.runtime.statistics import Histogram

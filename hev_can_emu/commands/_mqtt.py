@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 from hev_can_emu.errors import InputError
 
 if TYPE_CHECKING:
-    from hev_can_emu.runtime.emulator import Emulator, Event
+    from hev_can_emu.runtime.emulator import Emulator
+    from hev_can_emu.runtime.event_texts import Event
     from hev_can_emu.runtime.playing import Playing, RunResult
     from hev_can_emu.runtime.remote import Remote
     from hev_can_emu.runtime.service import Service, Watcher
@@ -170,7 +171,7 @@ class MqttSide:
             )
 
     def _tell_notices(self) -> None:
-        from hev_can_emu.runtime.emulator import Event
+        from hev_can_emu.runtime.event_texts import Event
 
         if self._link is not None:
             for notice in self._link.take_notices():

@@ -8,7 +8,7 @@ from hev_can_emu.commands._live import LiveLine, bar
 
 if TYPE_CHECKING:
     from hev_can_emu.bus.port import Bus
-    from hev_can_emu.runtime.emulator import Event
+    from hev_can_emu.runtime.event_texts import Event
     from hev_can_emu.runtime.playing import Playing
     from hev_can_emu.runtime.statistics import Statistics
 

@@ -16,7 +16,8 @@ from hev_can_emu.errors import InputError
 
 if TYPE_CHECKING:
     from hev_can_emu.bus.port import Bus
-    from hev_can_emu.runtime.emulator import Emulator, Event
+    from hev_can_emu.runtime.emulator import Emulator
+    from hev_can_emu.runtime.event_texts import Event
     from hev_can_emu.runtime.service import Service
     from hev_can_emu.runtime.setup import Setup
     from hev_can_emu.runtime.statistics import Statistics
@@ -75,7 +76,7 @@ def execute(arguments: argparse.Namespace) -> int:
     from hev_can_emu.bus.open import open_bus
     from hev_can_emu.commands._compiling import ready_emulator
     from hev_can_emu.runtime.code_store import CodeStore, read_store
-    from hev_can_emu.runtime.emulator import Event
+    from hev_can_emu.runtime.event_texts import Event
     from hev_can_emu.runtime.recording import Recording
     from hev_can_emu.runtime.service import Service, Watcher
     from hev_can_emu.telemetry.recorder import check_path

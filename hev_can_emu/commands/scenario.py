@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from hev_can_emu.bus.wire_parts import Timing
     from hev_can_emu.commands._result import Result
     from hev_can_emu.report.run_report import RunReport
-    from hev_can_emu.runtime.emulator import Emulator, Event
+    from hev_can_emu.runtime.emulator import Emulator
+    from hev_can_emu.runtime.event_texts import Event
     from hev_can_emu.runtime.playing import Playing
     from hev_can_emu.runtime.reporting import RunLog
     from hev_can_emu.runtime.scenario_runs import Run

@@ -4,39 +4,31 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterable
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from hev_can_emu.ecu import (
     control,
-    fault_table,
-    plant_faults,
     ports,
-    reasons,
     supervision,
     transmission_unit,
 )
 from hev_can_emu.ecu.fault_rows import Network
-from hev_can_emu.ecu.fault_table import FaultTable
 from hev_can_emu.ecu.faults import BUS_FAULTS, Fault
-from hev_can_emu.ecu.frame_faults import HELD_FRAMES
 from hev_can_emu.ecu.network import complete
 from hev_can_emu.ecu.rules import resolve_rules
 from hev_can_emu.ecu.sensors import resolve_sensors
 from hev_can_emu.ecu.ties import (
     OWNER_EMULATED,
     OWNER_EXTERNAL,
-    REACTIONS,
     ROLE_CONTROLLER,
     ResolvedBindings,
     with_ownership,
 )
-from hev_can_emu.ecu.trouble_codes import COLUMNS as CODE_COLUMNS
 from hev_can_emu.ecu.trouble_codes import (
     TroubleCode,
-    code_text,
     read_codes,
     reset_codes,
     write_codes,
@@ -45,23 +37,21 @@ from hev_can_emu.errors import InputError, did_you_mean
 from hev_can_emu.jit import uncompiled
 from hev_can_emu.messages.database import Database
 from hev_can_emu.messages.definitions import SignalDef
-from hev_can_emu.messages.frame import FRAME, make_frames
+from hev_can_emu.messages.frame import make_frames
 from hev_can_emu.messages.restbus import (
     T_COLUMNS,
     T_SATURATED,
     new_wake,
     reset_restbus,
-    restbus_state_size,
 )
-from hev_can_emu.messages.transfer import receive_state_size, reset_receive
-from hev_can_emu.plant import driveline, powertrain
-from hev_can_emu.plant.columns import CACHE_LINE, aligned, filled_up
-from hev_can_emu.plant.events import EVENT
+from hev_can_emu.messages.transfer import reset_receive
+from hev_can_emu.plant import powertrain
 from hev_can_emu.plant.holding import MESH_EVENT
 from hev_can_emu.plant.ledger import Ledger
 from hev_can_emu.plant.start import Start
 from hev_can_emu.runtime import tick
 from hev_can_emu.runtime.car import Car
+from hev_can_emu.runtime.event_texts import TEETH, Event, EventTexts
 from hev_can_emu.runtime.fault_book import FaultBook, InjectedFault
 from hev_can_emu.runtime.network_cache import cached_database
 from hev_can_emu.runtime.network_tables import network_tables, network_ties
@@ -72,14 +62,12 @@ from hev_can_emu.runtime.setup import (
     network_files,
     prepared_faults,
 )
-from hev_can_emu.runtime.tick import TICK_NS, Constants, State, make_world, run_world
+from hev_can_emu.runtime.tick import TICK_NS, Constants, make_world, run_world
+from hev_can_emu.runtime.tick_state import allocate, origins
 from hev_can_emu.scenario.script import GO_ON, STOPPED, Script, no_script
 
 BOOT_NS = control.BOOT_TICKS * TICK_NS
 AFTERRUN_NS = control.AFTERRUN_TICKS * TICK_NS
-FRAMES_OUT = 8192
-EVENTS = 4096
-LOOKS = 512  #: samples of the plant's truth that a call can give
 TRUTH_NS = 10_000_000  #: from one to the next
 
 _DRIVER_PORTS = (
@@ -90,28 +78,6 @@ _DRIVER_PORTS = (
     ports.ROAD_GRADE,
     ports.AMBIENT_TEMPERATURE,
 )
-MODE_NAMES = (
-    "transition", "series", "parallel_g1", "parallel_g2",
-    "electric_neutral", "electric_g1", "electric_g2",
-)  # fmt: skip
-PHASES = (
-    "neutral", "travel", "synchronising", "index", "engaged",
-    "disengaging", "aborted", "blocked by torque", "grating", "tooth on tooth",
-)  # fmt: skip
-TEETH = (driveline.TOUCHED, driveline.PARTED)
-LOCKS = ("C1", "G1", "G2", "left brake", "right brake", "body", "rear brakes")
-
-
-class Event(NamedTuple):
-    """Something that happened, at ``t_ns``: ``kind`` and ``text`` for people, the record's numbers beside."""
-
-    t_ns: int
-    kind: str
-    text: str
-    number: int
-    value: float
-
-
 #: Takes samples of the plant's truth, both its own: int64 (n,) and float64 (n, len(TRUTH)).
 TruthSink = Callable[[npt.NDArray[np.int64], npt.NDArray[np.float64]], None]
 
@@ -157,7 +123,7 @@ class Emulator:
         self.node_names = tuple(bindings.nodes)
         driver_nodes = self._nodes_with(ties, _DRIVER_PORTS)
         owners = self._owners(ties)
-        self.origin = _origins(self.database, ties, owners, driver_nodes)
+        self.origin = origins(self.database, ties, owners, driver_nodes)
         # A played node's frames are received like anybody's, so its ties must count.
         played = {node: OWNER_EXTERNAL for node in driver_nodes if owners[node] == OWNER_EMULATED}
         ties = with_ownership(ties, {**dict(enumerate(owners)), **played})
@@ -196,11 +162,14 @@ class Emulator:
             state_of_charge=self.setup.state_of_charge, closed=self.setup.start == "ready"
         )
         x, n, truth = self._car.start(begin)
-        self._buffer, self.state = _allocate(self.constants, self.origin, len(x), self._car.work)
+        self._buffer, self.state = allocate(self.constants, self.origin, len(x), self._car.work)
         self.state.plant_x[:], self.state.plant_n[:], self.state.truth[:] = x, n, truth
         network = Network(self.database, self.node_names, ties.message_node.tolist(), 0)
         self._book = FaultBook(self.state.faults, network, lambda: self.now_ns)
         self._book.prepare(faults, locate_fault)
+        self._texts = EventTexts(
+            self.database.messages, self.constants.rules.number, self._book.name
+        )
         self._start(begin)
         self._script = no_script()
         self._world = make_world(self.constants, self.state, self._script)
@@ -368,7 +337,7 @@ class Emulator:
             told = self.state.events[:noted]
             # A mesh that rattles does so a thousand times a second: that is for the bench.
             mesh = np.isin(told["kind"], TEETH) & (told["index"] >= MESH_EVENT)
-            self._noted.extend(self._translate(event) for event in told[~mesh])
+            self._noted.extend(self._texts.event(record) for record in told[~mesh])
         return self.state.frames_out[:sent], used
 
     def watch_truth(self, sink: TruthSink) -> Callable[[], None]:
@@ -546,45 +515,6 @@ class Emulator:
         self._buffer[:] = np.frombuffer(snapshot[len(mark) : end], dtype=np.uint8)
         self._book.unpack(snapshot[end:])
 
-    def _loss(self, message: int, value: int) -> str:
-        """Return reason, reaction and trouble code of a lost message as text."""
-        reaction, reason = divmod(value, supervision.REACTION_STEP)
-        parts = [reasons.REASONS[reason].text]
-        if reaction > 0:
-            parts.append(list(REACTIONS)[reaction - 1].replace("_", " "))
-        number, failure = int(self.constants.rules.number[message]), reasons.REASONS[reason].failure
-        if number and failure:
-            parts.append(code_text(number | failure))
-        return ", ".join(parts)
-
-    def _translate(self, record: np.void) -> Event:
-        kind, index, value = int(record["kind"]), int(record["index"]), float(record["value"])
-        messages = self.database.messages
-        if kind == driveline.LOCKED:
-            name, text = "lock", f"{LOCKS[index]} holds"
-        elif kind == driveline.RELEASED:
-            name, text = "release", f"{LOCKS[index]} slips at {value:.1f} Nm"
-        elif kind == driveline.REVERSED:
-            name, text = "reverse", f"{LOCKS[index]} slips the other way"
-        elif kind in TEETH:
-            touch = kind == driveline.TOUCHED
-            name, text = "teeth", f"dogs of {LOCKS[index]} {'touch' if touch else 'part'}"
-        elif kind == supervision.LOST:
-            name, text = "lost", f"{messages[index].name}: {self._loss(index, int(value))}"
-        elif kind == supervision.HEALED:
-            name, text = "healed", f"{messages[index].name} is back"
-        elif kind == tick.MODE_CHANGED:
-            name, text = "mode", MODE_NAMES[index]
-        elif kind == tick.SYNC_CHANGED:
-            name, text = "synchronizer", PHASES[int(value)]
-        elif kind == fault_table.BEGAN:
-            name, text = "fault", f"{self._book.name(index)} begins"
-        elif kind == fault_table.OVER:
-            name, text = "fault", f"{self._book.name(index)} ends, {int(value)} hits"
-        else:
-            name, text = "conflict", f"{messages[index].name} is also sent by another node"
-        return Event(int(record["t_ns"]), name, text, index, value)
-
 
 def _initial(signal: SignalDef) -> float:
     """Return a signal's physical start value, NaN for none or not available."""
@@ -592,99 +522,3 @@ def _initial(signal: SignalDef) -> float:
     if raw is None or raw == signal.not_available:
         return float("nan")
     return raw * signal.scale + signal.offset
-
-
-def _origins(
-    database: Database, ties: ResolvedBindings, owners: list[int], driver_nodes: set[int]
-) -> npt.NDArray[np.uint8]:
-    """Say for each message who sends it: a unit, a played node, somebody on the bus, nobody."""
-    origin = np.zeros(len(database.messages), dtype=np.uint8)
-    for message, node in enumerate(ties.message_node):
-        if node < 0:
-            continue
-        if owners[node] == OWNER_EXTERNAL:
-            origin[message] = tick.ORIGIN_BUS
-        elif owners[node] == OWNER_EMULATED:
-            plays = ties.node_role[node] == ROLE_CONTROLLER or int(node) in driver_nodes
-            origin[message] = tick.ORIGIN_PLAYED if plays else tick.ORIGIN_UNIT
-    return origin
-
-
-def _allocate(
-    constants: Constants, origin: npt.NDArray[np.uint8], plant_size: int, work: int
-) -> tuple[npt.NDArray[np.uint8], State]:
-    """Lay the whole state out in one buffer; return it and the views."""
-    messages = len(origin)
-    with uncompiled():
-        room = tick.faulty_room(messages)
-    signals = constants.codec.signals.shape[0]
-    nodes = len(constants.follows_ignition)
-    i8, f8, u1 = np.dtype(np.int64), np.dtype(np.float64), np.dtype(np.uint8)
-    layout: dict[str, tuple[np.dtype[np.generic], tuple[int, ...]]] = {
-        "scalars": (i8, (tick.N_SCALARS,)),
-        "plant_n": (i8, (driveline.N_INTEGERS,)),
-        "transmit": (i8, (restbus_state_size(constants.restbus),)),
-        "wake": (i8, new_wake(messages).shape),
-        "receive": (i8, (receive_state_size(constants.codec),)),
-        "supervision": (i8, (messages, supervision.COLUMNS)),
-        "seen_ns": (i8, (signals,)),
-        "power": (i8, (nodes,)),
-        "power_since_ns": (i8, (nodes,)),
-        "plant_x": (f8, (plant_size,)),
-        "truth": (f8, (len(powertrain.TRUTH),)),
-        "command": (f8, (len(powertrain.COMMANDS),)),
-        "requests": (f8, (len(ports.REQUESTS),)),
-        "kept": (f8, (len(ports.REQUESTS),)),
-        "effective": (f8, (len(ports.REQUESTS),)),
-        "share": (f8, (len(ports.REQUESTS),)),
-        "limited": (f8, (len(ports.REQUESTS),)),
-        "slewed": (f8, (len(constants.rules.slew_tie),)),
-        "codes": (i8, (messages, len(reasons.FAILURES), CODE_COLUMNS)),
-        "statuses": (f8, (len(ports.STATUSES),)),
-        "sensed": (f8, (len(constants.sensors.port),)),
-        "health": (f8, (plant_faults.N_HEALTH,)),
-        "unit_state": (f8, (control.N_STATE,)),
-        "transmission": (f8, (transmission_unit.N_STATE,)),
-        "values": (f8, (signals,)),
-        "encoded": (f8, (signals,)),
-        "on_bus": (f8, (signals,)),
-        "work": (f8, (work,)),
-        "origin": (u1, (messages,)),
-        "muted": (u1, (messages,)),
-        "enabled": (u1, (messages,)),
-        "accept": (u1, (messages,)),
-        "told": (u1, (messages,)),
-        "pending": (FRAME, (room,)),
-        "fault_whole": (i8, (fault_table.SLOTS, fault_table.WHOLE_COLUMNS)),
-        "fault_real": (f8, (fault_table.SLOTS, fault_table.REAL_COLUMNS)),
-        "fault_counts": (i8, (fault_table.N_COUNTS,)),
-        "held": (FRAME, (HELD_FRAMES,)),
-        "held_row": (i8, (HELD_FRAMES, 2)),
-    }
-    # Each begins where a cache line does.
-    sizes = {
-        name: filled_up(int(np.prod(shape)) * kind.itemsize, CACHE_LINE)
-        for name, (kind, shape) in layout.items()
-    }
-    buffer = aligned(sum(sizes.values()) // 8).view(np.uint8)
-    views, at = {}, 0
-    for name, (kind, shape) in layout.items():
-        length = int(np.prod(shape)) * kind.itemsize
-        views[name] = buffer[at : at + length].view(kind).reshape(shape)
-        at += sizes[name]
-    faults = FaultTable(*(views.pop(f"fault_{name}") for name in FaultTable._fields))
-    state = State(
-        **views,
-        faults=faults,
-        frames_out=make_frames(max(FRAMES_OUT, room)),
-        scratch=make_frames(messages + HELD_FRAMES),
-        events=np.zeros(EVENTS, dtype=EVENT),
-        result=np.zeros(5, dtype=np.int64),
-        due=np.zeros(messages, dtype=np.int64),
-        looks=np.zeros((LOOKS, len(powertrain.TRUTH))),
-        looks_ns=np.zeros(LOOKS, dtype=np.int64),
-        looking=np.zeros(1, dtype=np.int64),
-    )
-    state.origin[:] = origin
-    state.accept[:] = origin == tick.ORIGIN_BUS
-    return buffer, state

@@ -14,7 +14,8 @@ from hev_can_emu.ecu.faults import Fault
 from hev_can_emu.errors import InputError, StateError
 from hev_can_emu.messages.frame import EXTENDED, FD, SENT, make_frames
 from hev_can_emu.messages.frame_copy import copy_frames
-from hev_can_emu.runtime.emulator import Emulator, Event
+from hev_can_emu.runtime.emulator import Emulator
+from hev_can_emu.runtime.event_texts import Event
 from hev_can_emu.runtime.fault_book import InjectedFault
 from hev_can_emu.runtime.sources import sources_of
 from hev_can_emu.runtime.tick import TICK_NS

@@ -8,7 +8,8 @@ from importlib.metadata import version
 from typing import Any
 
 from hev_can_emu.ecu.ports import STATUSES
-from hev_can_emu.runtime.emulator import Emulator, Event
+from hev_can_emu.runtime.emulator import Emulator
+from hev_can_emu.runtime.event_texts import Event
 from hev_can_emu.runtime.playing import RunResult
 from hev_can_emu.scenario.verdict import Verdict
 from hev_can_emu.telemetry.mqtt_address import Address

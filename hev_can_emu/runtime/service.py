@@ -28,7 +28,8 @@ from hev_can_emu.bus.port import Bus
 from hev_can_emu.jit import ready_compiler
 from hev_can_emu.messages.frame import make_frames
 from hev_can_emu.runtime.clock import Grid
-from hev_can_emu.runtime.emulator import Emulator, Event
+from hev_can_emu.runtime.emulator import Emulator
+from hev_can_emu.runtime.event_texts import Event
 from hev_can_emu.runtime.playing import Playing
 from hev_can_emu.runtime.statistics import Statistics
 from hev_can_emu.runtime.tick import TICK_NS

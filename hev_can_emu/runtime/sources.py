@@ -8,7 +8,8 @@ from hev_can_emu.ecu import fault_table, faults, supervision
 from hev_can_emu.plant import driveline, powertrain
 from hev_can_emu.plant.truth_units import truth_unit
 from hev_can_emu.runtime import tick
-from hev_can_emu.runtime.emulator import LOCKS, MODE_NAMES, PHASES, Emulator
+from hev_can_emu.runtime.emulator import Emulator
+from hev_can_emu.runtime.event_texts import LOCKS, MODE_NAMES, PHASES
 from hev_can_emu.scenario.place import Place
 from hev_can_emu.scenario.signals import Signals
 from hev_can_emu.scenario.sources import EventKind, Sources, Truth, no_profile

@@ -14,7 +14,8 @@ from hev_can_emu.ecu.faults import Fault, parse
 from hev_can_emu.errors import InputError, NotMet, StateError
 from hev_can_emu.messages.frame import EXTENDED, FD, frame, make_frames
 from hev_can_emu.runtime.conditions import Asker
-from hev_can_emu.runtime.emulator import Emulator, Event
+from hev_can_emu.runtime.emulator import Emulator
+from hev_can_emu.runtime.event_texts import Event
 from hev_can_emu.runtime.fault_book import InjectedFault
 from hev_can_emu.runtime.recording import Recording
 from hev_can_emu.runtime.setup import Setup

@@ -8,7 +8,8 @@ import numpy.typing as npt
 from hev_can_emu.bus.medium import Medium, Port
 from hev_can_emu.bus.wire_parts import Timing, WireEvent
 from hev_can_emu.messages.frame import EXTENDED, FRAME, SENT
-from hev_can_emu.runtime.emulator import Emulator, Event
+from hev_can_emu.runtime.emulator import Emulator
+from hev_can_emu.runtime.event_texts import Event
 from hev_can_emu.runtime.tick import ORIGIN_PLAYED, ORIGIN_UNIT
 from hev_can_emu.runtime.wire_faults import WireFaults
 

@@ -9,7 +9,8 @@ import numpy as np
 from hev_can_emu.messages.frame import FRAME
 from hev_can_emu.messages.named import NamedCodec, Value
 from hev_can_emu.messages.protection import build_protection, protect
-from hev_can_emu.runtime.emulator import Emulator, Event
+from hev_can_emu.runtime.emulator import Emulator
+from hev_can_emu.runtime.event_texts import Event
 from hev_can_emu.runtime.setup import Setup
 from hev_can_emu.runtime.signal_log import SignalLog
 
