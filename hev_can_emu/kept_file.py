@@ -37,10 +37,14 @@ def keep(
 
     with contextlib.suppress(OSError):
         handle, name = tempfile.mkstemp(dir=path.parent)
-        with os.fdopen(handle, "wb") as file:
-            file.write(check or hashlib.sha256(content).digest())
-            file.write(content)
-        os.replace(name, path)
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.write(check or hashlib.sha256(content).digest())
+                file.write(content)
+            os.replace(name, path)
+        except OSError:  # no room
+            os.unlink(name)
+            raise
         if alike:
             entries = sorted(path.parent.glob(alike), key=lambda each: each.stat().st_mtime)
             for old in entries[:-most]:

@@ -42,7 +42,7 @@ class KeptFile:
         from hev_can_emu.jit import cache_folder
 
         key = hashlib.sha256(_parser_version() + text.encode()).hexdigest()[:32]
-        self._path = cache_folder("config.builder") / f"{key}.yaml.json"
+        self._path = cache_folder("config") / f"{key}.yaml.json"
 
     def read(self) -> Node | None:
         """Return the root that was kept; None where there is none, or it cannot be read."""

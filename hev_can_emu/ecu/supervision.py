@@ -347,6 +347,8 @@ def watch(
     for message in rules.watched:
         if t_ns <= state[message, CALM_NS]:
             calm_ns = min(calm_ns, state[message, CALM_NS])
+            if ties.status_port[message] >= 0:  # a fault may have written there
+                statuses[ties.status_port[message]] = state[message, STATUS]
             continue
         supervised = ties.supervised[message] == 1
         limit = ties.timeout_ns[message]

@@ -136,6 +136,7 @@ class Emulator:
             )
         faults, locate_fault = prepared_faults(self.setup) if controlled else ((), str)
         codec, protection, restbus = network_tables(self.database)
+        sensors = resolve_sensors(bindings.sensors, document.where)
         self.constants = Constants(
             codec=codec,
             protection=protection,
@@ -156,7 +157,8 @@ class Emulator:
             clutch_max=self._car.clutch_max,
             force_max=self._car.force_max,
             prepared=len(faults),
-            sensors=resolve_sensors(bindings.sensors, document.where),
+            sensors=sensors,
+            restless=int(np.isin(sensors.port, ties.status_port).any()),
         )
         begin = Start(
             state_of_charge=self.setup.state_of_charge, closed=self.setup.start == "ready"

@@ -10,12 +10,15 @@ import numpy as np
 import numpy.typing as npt
 
 from hev_can_emu.messages.frame import make_frames
+from hev_can_emu.messages.frame_copy import copy_frames
 from hev_can_emu.plant.powertrain import TRUTH
 from hev_can_emu.plant.truth_units import truth_unit
 from hev_can_emu.runtime.emulator import Emulator
 from hev_can_emu.runtime.virtual import FrameSink
 from hev_can_emu.telemetry.recorder import Recorder, open_recorder
 from hev_can_emu.telemetry.table import Network
+
+_NEVER = 1 << 62
 
 
 def network_of(emulator: Emulator) -> Network:
@@ -37,8 +40,12 @@ class Recording:
     """
 
     def __init__(self, emulator: Emulator, paths: Sequence[str | Path], epoch_ns: int = 0) -> None:
+        self._emulator = emulator
         self._recorders: list[Recorder] = []
-        self._truth: list[tuple[int, npt.NDArray[np.float64]]] = []  # not yet in the tables
+        # Not yet in the tables: samples, and frames of the car's last call.
+        self._truth: list[tuple[int, npt.NDArray[np.float64]]] = []
+        self._frames: list[npt.NDArray[np.void]] = []
+        self._called_ns = -1
         network = network_of(emulator)
         with contextlib.ExitStack() as undo:
             for path in paths:
@@ -55,7 +62,7 @@ class Recording:
         sinks: list[FrameSink] = [
             recorder.write for recorder in self._recorders if recorder not in self._tables
         ]
-        return [*sinks, self._write_tables] if self._tables else sinks
+        return [*sinks, self._keep] if self._tables else sinks
 
     def close(self) -> None:
         """Complete all files; raises the first failure, when all are closed."""
@@ -64,20 +71,32 @@ class Recording:
         with contextlib.ExitStack() as closing:
             for recorder in self._recorders:
                 closing.callback(recorder.close)
-            if self._truth:
-                self._write_tables(make_frames(0), 0)
+            self._write_tables(_NEVER)
 
     def _see(self, t_ns: npt.NDArray[np.int64], truth: npt.NDArray[np.float64]) -> None:
         self._truth += zip(t_ns.tolist(), truth, strict=True)
 
-    def _write_tables(self, frames: npt.NDArray[np.void], count: int) -> None:
-        """Write frames and samples of the plant's truth in the order of time."""
-        samples, self._truth = self._truth, []
-        ends = np.searchsorted(frames["t_ns"][:count], [t_ns for t_ns, _ in samples]).tolist()
+    def _keep(self, frames: npt.NDArray[np.void], count: int) -> None:
+        """Keep frames until the car goes on: what is received and what is sent in a call come one by one."""
+        now_ns = self._emulator.now_ns
+        if now_ns != self._called_ns:
+            self._write_tables(self._called_ns)
+            self._called_ns = now_ns
+        if count:
+            self._frames.append(copy_frames(frames[:count]))
+
+    def _write_tables(self, until_ns: int) -> None:
+        """Write the frames kept, and samples of the truth before a time, in the order of time."""
+        samples = [each for each in self._truth if each[0] < until_ns]
+        self._truth = [each for each in self._truth if each[0] >= until_ns]
+        frames = np.concatenate(self._frames) if self._frames else make_frames(0)
+        self._frames = []
+        frames = frames[np.argsort(frames["t_ns"], kind="stable")]
+        ends = np.searchsorted(frames["t_ns"], [t_ns for t_ns, _ in samples]).tolist()
         for table in self._tables:
             at = 0
             for end, (t_ns, values) in zip(ends, samples, strict=True):
-                table.write(frames[at:], max(end - at, 0))
+                table.write(frames[at:], end - at)
                 table.write_truth(t_ns, values)
-                at = max(end, at)
-            table.write(frames[at:], count - at)
+                at = end
+            table.write(frames[at:], len(frames) - at)

@@ -81,7 +81,8 @@ class Constants(NamedTuple):
     """What a run does not change: network tables and plant; ``unit`` is the detailed plant's TCU.
 
     ``follows_ignition``: uint8 (nodes); ``boot_ns``, ``afterrun_ns``: time from ignition on to valid
-    values, and from ignition off to silence.
+    values, and from ignition off to silence; ``restless``: 1 where a sensor measures what supervision
+    tells, which is then told anew in each tick.
     """
 
     codec: Codec
@@ -102,6 +103,7 @@ class Constants(NamedTuple):
     force_max: float
     prepared: int
     sensors: Sensors
+    restless: int
 
 
 class State(NamedTuple):
@@ -448,7 +450,8 @@ def run_ticks(
             if operating == 1:
                 begin_cycle(state.supervision, state.codes, t_ns)
                 recount = True
-        if came or recount or faulty or t_ns > state.scalars[CALM_NS]:
+        calm = t_ns <= state.scalars[CALM_NS] and constants.restless == 0
+        if came or recount or faulty or not calm:
             failed, n_events, changed, calm_ns = watch(
                 constants.ties, constants.rules, state.supervision, state.requests, state.kept,
                 state.effective, state.share, state.limited, state.slewed, state.statuses,

@@ -52,6 +52,7 @@ class HashBehind:
 
     def __init__(self) -> None:
         self._trace = TraceHash()
+        self._failure: Exception | None = None
         self._batches: Queue[npt.NDArray[np.void] | None] = Queue(maxsize=_BEHIND)
         self._thread = threading.Thread(target=self._run, name="trace hash", daemon=True)
 
@@ -60,7 +61,9 @@ class HashBehind:
         return self
 
     def __exit__(self, *error: object) -> None:
-        self.end()
+        if self._thread.is_alive():
+            self._batches.put(None)
+            self._thread.join()
 
     def add(self, frames: npt.NDArray[np.void], count: int) -> None:
         """Take frames (FRAME records, copied) into the hash, some time before the end."""
@@ -72,11 +75,16 @@ class HashBehind:
         if self._thread.is_alive():
             self._batches.put(None)
             self._thread.join()
+        if self._failure is not None:
+            raise self._failure
         return self._trace.hexdigest()
 
     def _run(self) -> None:
         while (batch := self._batches.get()) is not None:
-            self._trace.add(batch, len(batch))
+            try:
+                self._trace.add(batch, len(batch))
+            except Exception as error:  # noqa: BLE001 - such as no memory; told at the end
+                self._failure = error
 
 
 def play_on_wire(

@@ -195,3 +195,16 @@ def test_the_asynchronous_bench_does_the_same() -> None:
             return bench.trace
 
     assert by_steps() == asyncio.run(by_awaiting())
+
+
+def test_a_table_is_in_the_order_of_time_whatever_is_handed_in(tmp_path: Path) -> None:
+    table = tmp_path / "frames.csv"
+    with SyncTestbench(record=[table]) as bench:
+        for _ in range(3):
+            bench.send(0x7F0, b"\1")
+            bench.advance("2 s")
+    lines = table.read_text().splitlines()[1:]
+    times = np.array([float(line.partition(",")[0]) for line in lines])
+    assert (np.diff(times) > 0.0).all()
+    assert times[-1] == 6.0
+    assert len(times) == 6001

@@ -1,10 +1,14 @@
 """Supervision rests while nothing can change; a car whose supervision never rests does the same."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from hev_can_emu.ecu import supervision
+from hev_can_emu.ecu.faults import SensorFailure
 from hev_can_emu.messages.frame import SENT, make_frames
+from hev_can_emu.resources import folder
 from hev_can_emu.runtime import tick
 from hev_can_emu.runtime.emulator import Emulator
 from hev_can_emu.runtime.setup import Setup
@@ -44,10 +48,26 @@ def requests_of_a_controller(seconds: int) -> np.ndarray:
     return frames[kept]
 
 
-@pytest.mark.parametrize("clear", [False, True])
-def test_a_resting_supervision_changes_nothing(clear: bool) -> None:
+PLAIN = Setup()
+LOST = SensorFailure(sensor="em1_request_status")
+STUCK = SensorFailure(sensor="em1_request_status", mode="stuck")
+
+
+def measured(tmp_path: Path) -> Setup:
+    """Return a setup whose bindings measure what supervision tells."""
+    text = (folder("dbc") / "hev.bindings.yaml").read_text()
+    path = tmp_path / "hev.bindings.yaml"
+    sensor = "sensors:\n  em1_request_status: {filter: 20 ms}\n"
+    path.write_text(text.replace("sensors:\n", sensor, 1))
+    return Setup(dbc=str(folder("dbc") / "hev.dbc"), bindings=str(path))
+
+
+@pytest.mark.parametrize("case", ["plain", "codes cleared", "lost", "stuck", "measured"])
+def test_a_resting_supervision_changes_nothing(case: str, tmp_path: Path) -> None:
     frames = requests_of_a_controller(4)
-    resting, restless = Emulator(Setup()), Emulator(Setup())
+    setup = measured(tmp_path) if case == "measured" else PLAIN
+    fault = {"lost": LOST, "stuck": STUCK}.get(case)
+    resting, restless = Emulator(setup), Emulator(setup)
     at, rested = 0, 0
     events: list[list] = [[], []]
     for t_ms in range(4000):
@@ -58,8 +78,12 @@ def test_a_resting_supervision_changes_nothing(clear: bool) -> None:
         restless.state.scalars[tick.CALM_NS] = -1
         restless.state.supervision[:, supervision.CALM_NS] = supervision.NEVER_NS
         for car, told in zip((resting, restless), events, strict=True):
-            if clear and t_ms == 2000:
+            if case == "codes cleared" and t_ms == 2000:
                 car.clear_trouble_codes()
+            if fault is not None and t_ms == 1300:
+                car.inject(fault)
+            if fault is not None and t_ms == 2600:
+                car.clear(car.faults[0].name)
             car.advance((t_ms + 1) * 10**6, given, count)
             told += car.take_events()
         for name in COMPARED:
@@ -72,4 +96,4 @@ def test_a_resting_supervision_changes_nothing(clear: bool) -> None:
         )
     assert events[0] == events[1]
     assert {each.kind for each in events[0]} >= {"lost", "healed"}
-    assert rested > 400
+    assert rested > 400 or case in ("lost", "stuck")
