@@ -73,7 +73,7 @@ class Lanes:
         """Return, as int64, in how many lanes a condition holds."""
         builder = self.builder
         byte = builder.bitcast(builder.and_(bits, self.mask), ir.IntType(LANES))
-        return self.function("llvm.ctpop.i64", WORD, builder.zext(byte, WORD))
+        return builder.ctpop(builder.zext(byte, WORD))
 
 
 def blocks(builder: Any, count: Any, body: Any) -> None:

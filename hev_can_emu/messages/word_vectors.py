@@ -45,10 +45,6 @@ def _all(value: float) -> Any:
     return ir.Constant(DOUBLES, [ir.Constant(DOUBLE, value)] * 8)
 
 
-def _swapped(builder: Any, word: Any) -> Any:
-    return Lanes(builder, ir.Constant(WORD, 0)).function("llvm.bswap.i64", WORD, word)
-
-
 def _make_word(
     typing_context: Any, ranges: Any, places: Any, stride: Any, count: Any, values: Any
 ) -> Any:
@@ -92,7 +88,7 @@ def _make_word(
 
         blocks(builder, count, body)
         little, big, unusual = (builder.load(place) for place in sums)
-        word = builder.or_(little, _swapped(builder, big))
+        word = builder.or_(little, builder.bswap(big))
         return context.make_tuple(builder, signature.return_type, (word, unusual))
 
     return tuple_of((types.uint64, types.int64))(*[types.intp] * 5), emit
@@ -106,7 +102,7 @@ def _make_values(
     def emit(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         ranges, places, stride, count, word, values = arguments
         beyond = cgutils.alloca_once_value(builder, ir.Constant(WORD, 0))
-        swapped = _swapped(builder, word)
+        swapped = builder.bswap(word)
 
         def body(done: Any, left: Any) -> None:
             lanes = Lanes(builder, left)

@@ -38,6 +38,7 @@ from hev_can_emu.jit import uncompiled
 from hev_can_emu.messages.database import Database
 from hev_can_emu.messages.definitions import SignalDef
 from hev_can_emu.messages.frame import make_frames
+from hev_can_emu.messages.frame_copy import copy_frames
 from hev_can_emu.messages.restbus import (
     T_COLUMNS,
     T_SATURATED,
@@ -311,7 +312,7 @@ class Emulator:
             taken += used
             if self.now_ns >= until_ns or self._script.control[STOPPED] != GO_ON:
                 break
-            parts.append(sent.copy())
+            parts.append(copy_frames(sent))
         if taken < count:
             raise ValueError(f"{count - taken} frames later than the last tick")
         return np.concatenate([*parts, sent]) if parts else sent

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from hev_can_emu.bus.lockstep import LockstepBus
 from hev_can_emu.messages.frame import make_frames
+from hev_can_emu.messages.frame_copy import copy_frames
 from hev_can_emu.runtime.virtual import FrameSink
 
 Frames = npt.NDArray[np.void]
@@ -62,11 +63,12 @@ class Lockstep:
         if self._allowed_ns <= now:
             self._allowed_ns = await self._bus.agree()
         count = self._bus.drain(self._received, RECEIVE_FRAMES)
-        frames = self._received[:count].copy()
+        frames = copy_frames(self._received[:count])
         if given is not None and len(given):
             frames = np.concatenate([given, frames])
             self._bus.send(given, len(given))
-        sent = self._car.advance(min(until_ns, self._allowed_ns), frames, len(frames)).copy()
+        sent = self._car.advance(min(until_ns, self._allowed_ns), frames, len(frames))
+        sent = copy_frames(sent)
         self._bus.send(sent, len(sent))
         for sink in self._sinks:
             sink(frames, len(frames))

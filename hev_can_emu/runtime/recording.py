@@ -15,10 +15,9 @@ from hev_can_emu.plant.powertrain import TRUTH
 from hev_can_emu.plant.truth_units import truth_unit
 from hev_can_emu.runtime.emulator import Emulator
 from hev_can_emu.runtime.virtual import FrameSink
+from hev_can_emu.scenario.monitor import NEVER
 from hev_can_emu.telemetry.recorder import Recorder, open_recorder
 from hev_can_emu.telemetry.table import Network
-
-_NEVER = 1 << 62
 
 
 def network_of(emulator: Emulator) -> Network:
@@ -71,7 +70,7 @@ class Recording:
         with contextlib.ExitStack() as closing:
             for recorder in self._recorders:
                 closing.callback(recorder.close)
-            self._write_tables(_NEVER)
+            self._write_tables(NEVER)
 
     def _see(self, t_ns: npt.NDArray[np.int64], truth: npt.NDArray[np.float64]) -> None:
         self._truth += zip(t_ns.tolist(), truth, strict=True)

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from hev_can_emu.ecu.faults import Fault, parse
 from hev_can_emu.errors import InputError, NotMet, StateError
 from hev_can_emu.messages.frame import EXTENDED, FD, frame, make_frames
+from hev_can_emu.messages.frame_copy import copy_frames
 from hev_can_emu.runtime.conditions import Asker
 from hev_can_emu.runtime.emulator import Emulator
 from hev_can_emu.runtime.event_texts import Event
@@ -247,7 +248,7 @@ class BenchCore:
                 self._heard = []
                 sent = self._controller.exchange(now, heard)
                 if len(sent):
-                    stamped = sent.copy()
+                    stamped = copy_frames(sent)
                     stamped["t_ns"] = now
                     self._given.append(stamped)
             else:
@@ -264,7 +265,7 @@ class BenchCore:
         self._trace.add(sent, len(sent))
         self.events += self.emulator.take_events()
         if isinstance(self._controller, FrameController):
-            self._heard.append(sent.copy())
+            self._heard.append(copy_frames(sent))
         for sink in self._sinks:
             if len(received):
                 sink(received, len(received))

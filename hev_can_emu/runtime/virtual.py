@@ -61,9 +61,7 @@ class HashBehind:
         return self
 
     def __exit__(self, *error: object) -> None:
-        if self._thread.is_alive():
-            self._batches.put(None)
-            self._thread.join()
+        self._join()
 
     def add(self, frames: npt.NDArray[np.void], count: int) -> None:
         """Take frames (FRAME records, copied) into the hash, some time before the end."""
@@ -72,12 +70,15 @@ class HashBehind:
 
     def end(self) -> str:
         """Wait until all is hashed; return the hash."""
-        if self._thread.is_alive():
-            self._batches.put(None)
-            self._thread.join()
+        self._join()
         if self._failure is not None:
             raise self._failure
         return self._trace.hexdigest()
+
+    def _join(self) -> None:
+        if self._thread.is_alive():
+            self._batches.put(None)
+            self._thread.join()
 
     def _run(self) -> None:
         while (batch := self._batches.get()) is not None:
