@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import hashlib
-import threading
 from collections.abc import Callable, Sequence
-from queue import Queue
-from typing import TYPE_CHECKING, Self
+from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from hev_can_emu.messages.frame import make_frames
-from hev_can_emu.messages.frame_copy import copy_frames
+from hev_can_emu.messages.frame_copy import lasting_frames
+from hev_can_emu.runtime.behind import Behind
 from hev_can_emu.runtime.playing import Playing
 from hev_can_emu.runtime.tick import TICK_NS
 from hev_can_emu.scenario.monitor import NEVER
@@ -20,8 +20,6 @@ from hev_can_emu.scenario.monitor import NEVER
 if TYPE_CHECKING:
     from hev_can_emu.bus.medium import Medium
     from hev_can_emu.bus.wire_parts import Timing
-
-_BEHIND = 16  # calls' frames that may wait for the hash
 
 FrameSink = Callable[[npt.NDArray[np.void], int], None]
 
@@ -45,47 +43,6 @@ class TraceHash:
         other = TraceHash()
         other._digest = self._digest.copy()
         return other
-
-
-class HashBehind:
-    """As :class:`TraceHash`, on a thread of its own, to be used by ``with``: it hashes while ticks run."""
-
-    def __init__(self) -> None:
-        self._trace = TraceHash()
-        self._failure: Exception | None = None
-        self._batches: Queue[npt.NDArray[np.void] | None] = Queue(maxsize=_BEHIND)
-        self._thread = threading.Thread(target=self._run, name="trace hash", daemon=True)
-
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._join()
-
-    def add(self, frames: npt.NDArray[np.void], count: int) -> None:
-        """Take frames (FRAME records, copied) into the hash, some time before the end."""
-        if count > 0:
-            self._batches.put(copy_frames(frames[:count]))
-
-    def end(self) -> str:
-        """Wait until all is hashed; return the hash."""
-        self._join()
-        if self._failure is not None:
-            raise self._failure
-        return self._trace.hexdigest()
-
-    def _join(self) -> None:
-        if self._thread.is_alive():
-            self._batches.put(None)
-            self._thread.join()
-
-    def _run(self) -> None:
-        while (batch := self._batches.get()) is not None:
-            try:
-                self._trace.add(batch, len(batch))
-            except Exception as error:  # noqa: BLE001 - such as no memory; told at the end
-                self._failure = error
 
 
 def play_on_wire(
@@ -121,17 +78,26 @@ def play_virtual(
     """Play the scenario to its end; return the trace hash.
 
     Stretches between two of its steps run as one call, but none ends later than the
-    next multiple of ``longest_ns``, for sinks that look at the car.  The trace is the same either way.
+    next multiple of ``longest_ns``, for sinks that look at the car and its verdicts.  The trace is the same
+    either way.  Sinks get frames that last.
     """
     emulator = playing.emulator
-    with HashBehind() as trace:
-        while not playing.finished:
-            until = NEVER
-            if longest_ns is not None:
-                until = (emulator.now_ns // longest_ns + 1) * longest_ns
-            frames, _ = playing.run(until)
-            count = len(frames)
-            trace.add(frames, count)
-            for sink in sinks:
-                sink(frames, count)
-        return trace.end()
+    trace = TraceHash()
+    with Behind() as behind:
+        if longest_ns is None:
+            playing.player.look_behind(behind)
+        try:
+            while not playing.finished:
+                until = NEVER
+                if longest_ns is not None:
+                    until = (emulator.now_ns // longest_ns + 1) * longest_ns
+                sent, _ = playing.run(until)
+                # One copy serves all.
+                frames = lasting_frames(sent)
+                behind.do(partial(trace.add, frames, len(frames)))
+                for sink in sinks:
+                    sink(frames, len(frames))
+            behind.wait()
+        finally:
+            playing.player.look_behind(None)
+    return trace.hexdigest()

@@ -23,7 +23,7 @@ from hev_can_emu.scenario.schema import Scenario
 from hev_can_emu.scenario.script import TICK_NS
 from hev_can_emu.scenario.sources import Sources
 from hev_can_emu.scenario.verdict import Outcome, Verdict, worst
-from hev_can_emu.scenario.watcher import Watcher
+from hev_can_emu.scenario.watcher import Watcher, Worker
 
 Values = npt.NDArray[np.float64]
 
@@ -162,6 +162,13 @@ class Player:
     def hear(self, frames: npt.NDArray[np.void]) -> None:
         """Take frames that were on the bus."""
         self._watcher.hear(frames)
+
+    def look_behind(self, worker: Worker | None) -> None:
+        """Let expectations look on a second thread from now on; None: where :meth:`observe` is called.
+
+        They decide the same, some time later; who asks for verdicts waits for that.
+        """
+        self._watcher.worker = worker
 
     def observe(self) -> None:
         """Let the expectations look at what the script has noted."""

@@ -16,13 +16,13 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple, Protocol, Self
+from typing import Any, NamedTuple, Protocol, Self, cast
 
 import numpy as np
 import numpy.typing as npt
 
 from hev_can_emu.errors import InputError, StateError, did_you_mean
-from hev_can_emu.messages.frame_copy import copy_frames
+from hev_can_emu.messages.frame_copy import join_frames, lasting_frames
 from hev_can_emu.telemetry.table import Network
 from hev_can_emu.telemetry.table_file import RowFile, TableFile
 
@@ -166,13 +166,13 @@ class Recorder:
         self._thread.start()
 
     def write(self, frames: np.ndarray, count: int) -> None:
-        """Record ``frames[:count]`` (copied).  Returns in microseconds unless far behind.
+        """Record ``frames[:count]`` (copied unless they last).  Returns in microseconds unless far behind.
 
         Frames with the flag SENT are marked as transmitted where the format can tell.  Raises
         InputError once the file can no longer be written (disk full); StateError when closed.
         """
         if count > 0:
-            self._put(copy_frames(frames[:count]), count)
+            self._put(lasting_frames(frames[:count]), count)
         elif self._failure is not None:
             raise self._failed() from self._failure
 
@@ -281,4 +281,4 @@ def _joined(batches: list[np.ndarray | TruthSamples]) -> Iterator[np.ndarray | T
         if is_truth or len(parts) == 1 or all(len(part) > WAKE_FRAMES for part in parts):
             yield from parts
         else:
-            yield np.concatenate(parts)
+            yield join_frames(cast(list[np.ndarray], parts))

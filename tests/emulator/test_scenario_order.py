@@ -138,6 +138,17 @@ def test_how_a_run_is_cut_into_calls_changes_neither_frames_nor_verdicts() -> No
     assert pieces.player.verdicts() == verdicts
 
 
+def test_where_the_expectations_look_changes_neither_frames_nor_verdicts() -> None:
+    text = f"{LONG}- {{always: EM2Torque < 100 Nm, from: 100 ms}}\n"
+    here, behind = playing(text), playing(text)
+    frames, parts = frames_of(here), []
+    play_virtual(behind, [lambda sent, _: parts.append(sent)])
+    assert np.concatenate(parts).tobytes() == frames.tobytes()
+    verdicts = behind.player.verdicts()
+    assert verdicts == here.player.verdicts()
+    assert [v.outcome.value for v in verdicts] == ["pass"] * 6 + ["fail"]
+
+
 def test_the_hash_does_not_depend_on_the_processors_linear_algebra() -> None:
     own = playing(LONG)
     trace = play_virtual(own, [])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
@@ -13,6 +14,7 @@ from hev_can_emu import config
 from hev_can_emu.messages.definitions import MessageDef, SignalDef
 from hev_can_emu.messages.frame import make_frames
 from hev_can_emu.plant.events import EVENT
+from hev_can_emu.runtime.behind import Behind
 from hev_can_emu.scenario import script
 from hev_can_emu.scenario.place import Place
 from hev_can_emu.scenario.player import Player
@@ -141,6 +143,7 @@ class Bench:
         *,
         until: float = 1e9,
         look_every: int = 1,
+        behind: bool = False,
         events: Sequence[tuple[int, int, int, float]] = (),
         frames: Sequence[tuple[int, int]] = (),
     ) -> Player:
@@ -151,6 +154,7 @@ class Bench:
             bus: signals and ``truth.name`` as constants or functions of seconds.
             until: seconds, where it is to be left unfinished.
             look_every: after how many ticks the expectations look.
+            behind: whether they do so on a second thread.
             events: ms at whose end they are noted, kind, index, value.
             frames: ns, identifier.
         """
@@ -165,20 +169,24 @@ class Bench:
             if signal is not None:
                 values[signal.index] = signal.initial
         self.sent, self.commands = [], []
-        ms = self.ticks = 0
-        while not player.finished and ms * 1e-3 <= until:
-            self._fill(bus or {}, ms, on_bus, seen, truth)
-            before = values.copy()
-            self._tick(player, ms, (on_bus, seen, truth, values))
-            for index in np.flatnonzero(
-                (values != before) & ~(np.isnan(values) & np.isnan(before))
-            ):
-                self.sent.append((ms, names[int(index)], float(values[index])))
-            self._happen(player, ms, events, frames)
-            if ms % look_every == 0:
-                player.observe()
-            ms += 1
-            self.ticks = ms
+        with contextlib.ExitStack() as stack:
+            if behind:
+                player.look_behind(stack.enter_context(Behind()))
+                stack.callback(player.look_behind, None)
+            ms = self.ticks = 0
+            while not player.finished and ms * 1e-3 <= until:
+                self._fill(bus or {}, ms, on_bus, seen, truth)
+                before = values.copy()
+                self._tick(player, ms, (on_bus, seen, truth, values))
+                for index in np.flatnonzero(
+                    (values != before) & ~(np.isnan(values) & np.isnan(before))
+                ):
+                    self.sent.append((ms, names[int(index)], float(values[index])))
+                self._happen(player, ms, events, frames)
+                if ms % look_every == 0:
+                    player.observe()
+                ms += 1
+                self.ticks = ms
         return player
 
     def _fill(self, bus: Mapping[str, Any], ms: int, on_bus: Any, seen: Any, truth: Any) -> None:

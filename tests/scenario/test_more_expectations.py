@@ -18,11 +18,12 @@ PASS, FAIL, OPEN = Outcome.PASS, Outcome.FAIL, Outcome.INCONCLUSIVE
 
 
 def judge(bench: Any, expectation: str, bus: Any, head: str = "", **more: Any) -> Verdict:
-    """Return the verdict, the same however often the expectations look."""
+    """Return the verdict, the same however often the expectations look, and on which thread."""
     text = f"duration: 4 s\n{head}\nexpectations:\n- {expectation}"
     verdict: Verdict = bench.play(text, bus, **more).verdicts()[-1]
-    for every in (13, 100_000):
-        assert bench.play(text, bus, look_every=every, **more).verdicts()[-1] == verdict
+    for every, behind in ((13, True), (100_000, False)):
+        again = bench.play(text, bus, look_every=every, behind=behind, **more)
+        assert again.verdicts()[-1] == verdict
     return verdict
 
 

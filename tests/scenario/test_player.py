@@ -310,11 +310,15 @@ expectations:
 """
 
 
-@pytest.mark.parametrize("every", [7, 100, 3000, 100_000])
-def test_how_often_the_expectations_look_changes_nothing(bench: Any, every: int) -> None:
+@pytest.mark.parametrize(
+    ("every", "behind"), [(7, False), (13, True), (100, False), (3000, True), (100_000, False)]
+)
+def test_how_often_and_where_the_expectations_look_changes_nothing(
+    bench: Any, every: int, behind: bool
+) -> None:
     bus = {"VehicleSpeed": lambda t: 10 * t}
     verdicts, sent = bench.play(MIXED, bus).verdicts(), bench.sent
-    assert bench.play(MIXED, bus, look_every=every).verdicts() == verdicts
+    assert bench.play(MIXED, bus, look_every=every, behind=behind).verdicts() == verdicts
     assert bench.sent == sent
     assert [v.outcome.value for v in verdicts] == ["pass"] * 9
 
