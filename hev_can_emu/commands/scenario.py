@@ -195,22 +195,26 @@ _HEAD = {
 
 def _prepare(arguments: argparse.Namespace, paths: list[Path]) -> list[tuple[Path, str, Playing]]:
     """Read all scenarios and build their cars, alike ones once; raises InputError."""
+    from hev_can_emu.commands._compiling import compiling
     from hev_can_emu.runtime.playing import Playing
     from hev_can_emu.runtime.scenario_runs import HEAD, read_runs
 
     if arguments.seed is not None and arguments.seed < 0:
         raise InputError("--seed", "0 or more", f"{arguments.seed}")
-    cars: list[tuple[Setup, Emulator, bytes]] = []
+    cars: list[_Car] = []
     prepared = []
     told = [key for key in HEAD if getattr(arguments, key) is not None]
-    for path in paths:
-        for run in read_runs(path, _parameters(arguments), told):
-            emulator, start = _car(arguments, run, cars)
-            scenario = run.scenario
-            if arguments.seed is not None:
-                scenario = msgspec.structs.replace(scenario, seed=arguments.seed)
-            playing = Playing(emulator, run.document, scenario, run.locate, start)
-            prepared.append((path, run.label, playing))
+    with compiling():
+        for path in paths:
+            for run in read_runs(path, _parameters(arguments), told):
+                emulator, start = _car(arguments, run, cars)
+                scenario = run.scenario
+                if arguments.seed is not None:
+                    scenario = msgspec.structs.replace(scenario, seed=arguments.seed)
+                playing = Playing(emulator, run.document, scenario, run.locate, start)
+                if start is None:
+                    emulator.attach(playing.player.script)
+                prepared.append((path, run.label, playing))
     return prepared
 
 
@@ -224,11 +228,20 @@ def _parameters(arguments: argparse.Namespace) -> dict[str, str]:
     return given
 
 
+class _Car:
+    """A car that several runs may share, and its state at the start once the second asks for it."""
+
+    def __init__(self, setup: Setup, emulator: Emulator) -> None:
+        self.setup = setup
+        self.emulator = emulator
+        self.start: bytes | None = None
+
+
 def _car(
-    arguments: argparse.Namespace, run: Run, cars: list[tuple[Setup, Emulator, bytes]]
-) -> tuple[Emulator, bytes]:
-    """Return the car of a run with its state at the start, made where there is none like it."""
-    from hev_can_emu.commands._compiling import ready_emulator
+    arguments: argparse.Namespace, run: Run, cars: list[_Car]
+) -> tuple[Emulator, bytes | None]:
+    """Return the car of a run, made where there is none like it, else with its state at the start."""
+    from hev_can_emu.runtime.emulator import Emulator
     from hev_can_emu.runtime.scenario_runs import setup_of
 
     scenario = run.scenario
@@ -238,10 +251,11 @@ def _car(
 
             open_bus(scenario.bus, time.monotonic_ns)
         setup = make_setup(arguments, setup_of(scenario))
-        for known, emulator, start in cars:
-            if known == setup:
-                return emulator, start
-        emulator = ready_emulator(setup)
+        for car in cars:
+            if car.setup == setup:
+                car.start = car.start or car.emulator.snapshot()  # nothing has run yet
+                return car.emulator, car.start
+        emulator = Emulator(setup)
     except InputError as error:
         option = error.where.split()[0]
         key = _HEAD.get(option)
@@ -249,8 +263,8 @@ def _car(
             raise
         # Said by the scenario's head, not on the command line.
         raise InputError(run.locate((key,)), error.expected, error.got, error.hint) from error
-    cars.append((setup, emulator, emulator.snapshot()))
-    return emulator, cars[-1][2]
+    cars.append(_Car(setup, emulator))
+    return emulator, None
 
 
 def _run(

@@ -46,6 +46,7 @@ from hev_can_emu.messages.restbus import (
     reset_restbus,
 )
 from hev_can_emu.messages.transfer import reset_receive
+from hev_can_emu.native import Bound
 from hev_can_emu.plant import powertrain
 from hev_can_emu.plant.holding import MESH_EVENT
 from hev_can_emu.plant.ledger import Ledger
@@ -175,7 +176,7 @@ class Emulator:
         )
         self._start(begin)
         self._script = no_script()
-        self._world = make_world(self.constants, self.state, self._script)
+        self._world: Bound | None = None  #: made with the first call, or for a scenario's script
         self._noted: list[Event] = []
         self._truth_sinks: list[TruthSink] = []
         self.bus_faults: BusFaults | None = None  #: takes faults of a bus with bit times
@@ -330,6 +331,8 @@ class Emulator:
             The frames sent, valid until the next call, and how many of the given ones were taken.
         """
         ticks = -(-(until_ns - self.now_ns) // TICK_NS)
+        if self._world is None:
+            self._world = make_world(self.constants, self.state, self._script)
         run_world(self._world, max(ticks, 0), frames if count > 0 else self._none, count)
         sent, used, noted, _, looks = self.state.result.tolist()
         if looks:
@@ -376,9 +379,13 @@ class Emulator:
         self.state.scalars[tick.WIRED] = wired
 
     def attach(self, script: Script) -> None:
-        """Let a scenario's script act at every tick from now on; it replaces the one before."""
-        self._script = script
-        self._world = make_world(self.constants, self.state, script)
+        """Let a scenario's script act at every tick from now on; it replaces the one before.
+
+        What plays it is compiled then, where that has not been done.
+        """
+        if script is not self._script or self._world is None:
+            self._script = script
+            self._world = make_world(self.constants, self.state, script)
 
     def set_value(self, signal: int, value: float) -> None:
         """Set what a played node sends: physical value in the DBC's unit, NaN for not available."""

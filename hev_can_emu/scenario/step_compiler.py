@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from hev_can_emu.scenario import schema
 from hev_can_emu.scenario.expectation_schema import Value
 from hev_can_emu.scenario.expression import Expression
-from hev_can_emu.scenario.place import Place
+from hev_can_emu.scenario.place import Place, Steps
 from hev_can_emu.scenario.program import Span, Step, Tables
 from hev_can_emu.scenario.stimulus_compiler import StimulusCompiler
 from hev_can_emu.scenario.values import Values
@@ -43,6 +43,7 @@ class StepCompiler:
         self._tables = tables
         self._duration_ns = duration_ns
         self._places: dict[str, str] = {}
+        self._alike: dict[Steps, Step] = {}  #: by place, in rounds whose names stand for the same
         self.names: dict[str, int] = {}
         self.earliest: list[int] = []
         self.steps: list[Step] = []
@@ -64,8 +65,12 @@ class StepCompiler:
                 raise (place / key).refuse("nothing beside 'repeat'", f"'{key}'", hint)
         inside = place / "repeat"
         for number, values in enumerate(self._rounds(repeat, inside)):
+            if values:
+                self._alike.clear()
             with self._values.given(values, inside / "for", check_use=number == 0):
                 self.take(repeat.steps, inside / "steps", f"{rounds}.{number + 1}".lstrip("."))
+        if repeat.each:
+            self._alike.clear()
 
     def _rounds(self, repeat: schema.Repeat, place: Place) -> Iterator[dict[str, Value]]:
         """Yield what the loop's names stand for in each round."""
@@ -104,38 +109,45 @@ class StepCompiler:
                 raise (place / "name").refuse("each name once", got, hint)
             self.names[name] = number
             self._places[name] = place.path
-        self._order(step, place)
+        made = self._alike.get(place.steps)
+        if made is None:
+            made = self._made(step, place)
+            if rounds:
+                self._alike[place.steps] = made
+        self._order(made, step, place)
+        self.steps.append(made._replace(name=name))
+
+    def _made(self, step: schema.Step, place: Place) -> Step:
+        """Return a step without its name."""
+        at_ns = None if step.at is None else self._values.time(step.at, place / "at")
+        after_ns = None if step.after is None else self._values.time(step.after, place / "after")
         condition, timeout_ns, held_ns = self._trigger(step, place)
         span = Span(0, 0) if condition is None else self._tables.add_code(condition.code)
-        self.steps.append(
-            Step(
-                name=name,
-                at_ns=None if step.at is None else self._values.time(step.at, place / "at"),
-                after_ns=None
-                if step.after is None
-                else self._values.time(step.after, place / "after"),
-                when=condition,
-                when_span=span,
-                timeout_ns=timeout_ns,
-                held_ns=held_ns,
-                stop_on_timeout=step.on_timeout == "stop",
-                actions=tuple(self._stimuli.actions(step, place)),
-                commands=tuple(self._stimuli.commands(step, place)),
-                where=str(place),
-            )
+        return Step(
+            name="",
+            at_ns=at_ns,
+            after_ns=after_ns,
+            when=condition,
+            when_span=span,
+            timeout_ns=timeout_ns,
+            held_ns=held_ns,
+            stop_on_timeout=step.on_timeout == "stop",
+            actions=tuple(self._stimuli.actions(step, place)),
+            commands=tuple(self._stimuli.commands(step, place)),
+            where=str(place),
         )
 
-    def _order(self, step: schema.Step, place: Place) -> None:
+    def _order(self, made: Step, step: schema.Step, place: Place) -> None:
         before = self.earliest[-1] if self.earliest else 0
         earliest, key = before, "when"
-        if step.at is not None:
-            earliest, key = self._values.time(step.at, place / "at"), "at"
+        if made.at_ns is not None:
+            earliest, key = made.at_ns, "at"
             if earliest < before:
                 got = f"'{step.at}'"
                 hint = f"the step before comes at {say_time(before)} or later"
                 raise (place / "at").refuse("steps in the order of their times", got, hint)
-        elif step.after is not None:
-            earliest, key = before + self._values.time(step.after, place / "after"), "after"
+        elif made.after_ns is not None:
+            earliest, key = before + made.after_ns, "after"
         if self._duration_ns is not None and earliest > self._duration_ns:
             raise (place / key).refuse(*beyond(earliest, self._duration_ns))
         self.earliest.append(earliest)

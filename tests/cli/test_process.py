@@ -55,3 +55,15 @@ def test_help_is_laid_out_as_argparse_does(
     laid_out = parser.format_help()
     parser.formatter_class = argparse.HelpFormatter
     assert parser.format_help() == laid_out
+
+
+def test_a_command_alone_is_read_as_among_all_others(capsys: pytest.CaptureFixture[str]) -> None:
+    alone, among = build_parser(["modes"]), build_parser(["--", "modes"])
+    assert vars(alone.parse_args(["modes"])) == vars(among.parse_args(["modes"]))
+    told = []
+    for parser in (alone, among):
+        with pytest.raises(SystemExit):
+            parser.parse_args(["modes", "--help"])
+        told.append(capsys.readouterr().out)
+    assert told[0] == told[1]
+    assert "scenario" in build_parser([]).format_help()

@@ -35,3 +35,25 @@ def test_help_imports_nothing_heavy() -> None:
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == "[]"
+
+
+RUN = """
+import sys
+from hev_can_emu import cli
+sys.argv = ["hev-can-emu", "modes", "--help"]
+try:
+    cli.main()
+except SystemExit:
+    pass
+import msgspec
+shown = "typing_extensions" in sys.modules
+import typing_extensions
+print(shown, typing_extensions.get_type_hints.__module__)
+"""
+
+
+def test_a_command_imports_msgspec_without_what_python_has_already() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", RUN], capture_output=True, text=True, timeout=60, check=True
+    )
+    assert done.stdout.splitlines()[-1] == "False typing_extensions"

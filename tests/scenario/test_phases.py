@@ -112,6 +112,32 @@ def test_a_loop_over_values_and_one_by_number(bench: Any) -> None:
     assert player.outcome is PASS
 
 
+def test_what_a_name_stands_for_counts_in_loops_inside_and_around_its_own(bench: Any) -> None:
+    bench.play(
+        """
+        duration: 3 s
+        steps:
+        - repeat:
+            times: 2
+            steps:
+            - repeat:
+                for: {torque: [10 Nm, 20 Nm], pause: [100 ms, 200 ms]}
+                steps:
+                - repeat:
+                    times: 2
+                    steps:
+                    - {after: pause, set: {EM2TorqueRequest: torque}}
+                    - {when: t > pause, timeout: 1 s, set: {EM2TorqueRequest: 0}}
+            - {after: 300 ms, set: {EM2TorqueRequest: 5}}
+        """
+    )
+    sent = at(bench, "EM2TorqueRequest").items()
+    assert {ms: torque for ms, torque in sent if torque} == {
+        100: 10.0, 201: 10.0, 402: 20.0, 603: 20.0, 904: 5.0,
+        1004: 10.0, 1105: 10.0, 1306: 20.0, 1507: 20.0, 1808: 5.0,
+    }  # fmt: skip
+
+
 @pytest.mark.parametrize(("sweep", "phase"), [("linear", 0), ("logarithmic", 1)])
 def test_chirp_has_the_phase_of_its_sweep(bench: Any, sweep: str, phase: int) -> None:
     bench.play(
