@@ -1,6 +1,7 @@
-"""The shape of an expectation in a scenario file."""
+"""The shape of an expectation in a scenario file.
 
-from __future__ import annotations
+Annotations are evaluated where they stand, as in :mod:`.schema`.
+"""
 
 from typing import Annotated, Literal
 

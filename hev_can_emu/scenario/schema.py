@@ -2,9 +2,9 @@
 
 Every quantity may be a bare number (the signal's own unit), a text with a unit (``20 km/h``), or,
 for signals with a value table, a label.  Times always carry a unit.
-"""
 
-from __future__ import annotations
+Annotations are evaluated where they stand: msgspec takes three times as long to evaluate each as a text.
+"""
 
 from typing import Annotated, Any, Literal
 
@@ -73,7 +73,7 @@ class RawFrame(Record, frozen=True):
 class Repeat(Record, frozen=True):
     """A loop: ``steps`` so many ``times``, or for each of the values of a name in ``for``."""
 
-    steps: tuple[Step, ...]
+    steps: "tuple[Step, ...]"
     times: Annotated[int, msgspec.Meta(ge=1, le=MAX_TIMES)] | None = None
     each: dict[str, Annotated[tuple[Value, ...], msgspec.Meta(min_length=1)]] = msgspec.field(
         default_factory=dict, name="for"
