@@ -17,15 +17,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import msgspec
 
-from hev_can_emu.config import complaint
-from hev_can_emu.config.node import KeptFile, Node
+from hev_can_emu.config.node import KeptFile, Node, spell
+from hev_can_emu.config.node import Steps as Steps
 from hev_can_emu.errors import InputError, did_you_mean
 
 if TYPE_CHECKING:
     import yaml
 
 T = TypeVar("T")
-Steps = tuple[str | int, ...]  #: the way to a value: keys and list positions
 Locate = Callable[[Steps], str]  #: what :meth:`Document.where` is: a path's place as text
 
 MAX_BYTES = 5_000_000
@@ -53,7 +52,7 @@ class Document(NamedTuple):
                 break
             node = node.children[step]
             file = node.file or file
-        return f"{file}:{node.line}: {complaint.spell(steps)}"
+        return f"{file}:{node.line}: {spell(steps)}"
 
     def text_beside(self, file: str, steps: Steps) -> str:
         """Return the text of a file named at ``steps``, relative to the file that names it.
@@ -80,6 +79,8 @@ class Document(NamedTuple):
         try:
             return msgspec.convert(self.data, type_, strict=True, str_keys=True)
         except msgspec.ValidationError as error:
+            from hev_can_emu.config import complaint
+
             told = complaint.translate(error, self.data, type_)
             raise InputError(self.where(told.steps), told.expected, told.got, told.hint) from error
 

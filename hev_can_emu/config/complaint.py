@@ -16,7 +16,6 @@ Steps = tuple[str | int, ...]
 _ANY_KEY = "[...]"
 _PATH = re.compile(r"(?s)(?P<text>.*?)(?: - at `(?P<key>key in )?\$(?P<path>[^`]*)`)?")
 _STEP = re.compile(r"\.(?P<field>[^.\[]+)|\[(?P<index>\d+)\]|(?P<any>\[\.\.\.\])")
-_PLAIN_KEY = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
 _WORDS = {
     "float": "a number",
     "int": "a whole number",
@@ -34,19 +33,6 @@ class Complaint(NamedTuple):
     expected: str
     got: str
     hint: str
-
-
-def spell(steps: Steps) -> str:
-    """Return a path as text: ``$.steps[3].set['MCU1_Status.EM1Speed']``."""
-    parts = ["$"]
-    for step in steps:
-        if isinstance(step, int):
-            parts.append(f"[{step}]")
-        elif _PLAIN_KEY.fullmatch(step):
-            parts.append(f".{step}")
-        else:
-            parts.append(f"['{' '.join(step.split())}']")
-    return "".join(parts)
 
 
 def describe(value: object) -> str:

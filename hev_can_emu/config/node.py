@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import importlib.util
+import re
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,6 +19,9 @@ from hev_can_emu.kept_file import keep, read_kept
 
 _KEPT = 200  #: files kept per version of the code
 _MOST_VALUES = 20_000  #: of a file that is kept
+_PLAIN_KEY = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
+
+Steps = tuple[str | int, ...]  #: the way to a value: keys and list positions
 
 
 class Node(NamedTuple):
@@ -54,6 +58,19 @@ class KeptFile:
         if root.size <= _MOST_VALUES:
             with contextlib.suppress(UnicodeEncodeError):  # half a pair of surrogates
                 keep(self._path, msgspec.json.encode(_packed(root)), "*.yaml.json", _KEPT)
+
+
+def spell(steps: Steps) -> str:
+    """Return a path as text: ``$.steps[3].set['MCU1_Status.EM1Speed']``."""
+    parts = ["$"]
+    for step in steps:
+        if isinstance(step, int):
+            parts.append(f"[{step}]")
+        elif _PLAIN_KEY.fullmatch(step):
+            parts.append(f".{step}")
+        else:
+            parts.append(f"['{' '.join(step.split())}']")
+    return "".join(parts)
 
 
 def _parser_version() -> bytes:

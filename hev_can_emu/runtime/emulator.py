@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterable
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -49,7 +49,6 @@ from hev_can_emu.messages.transfer import reset_receive
 from hev_can_emu.native import Bound
 from hev_can_emu.plant import powertrain
 from hev_can_emu.plant.holding import MESH_EVENT
-from hev_can_emu.plant.ledger import Ledger
 from hev_can_emu.plant.start import Start
 from hev_can_emu.runtime import tick
 from hev_can_emu.runtime.car import Car
@@ -67,6 +66,9 @@ from hev_can_emu.runtime.setup import (
 from hev_can_emu.runtime.tick import TICK_NS, Constants, make_world, run_world
 from hev_can_emu.runtime.tick_state import allocate, origins
 from hev_can_emu.scenario.script import GO_ON, STOPPED, Script, no_script
+
+if TYPE_CHECKING:
+    from hev_can_emu.plant.ledger import Ledger
 
 BOOT_NS = control.BOOT_TICKS * TICK_NS
 AFTERRUN_NS = control.AFTERRUN_TICKS * TICK_NS

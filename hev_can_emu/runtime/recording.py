@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -12,16 +13,20 @@ import numpy.typing as npt
 from hev_can_emu.messages.frame import make_frames
 from hev_can_emu.messages.frame_copy import copy_frames
 from hev_can_emu.plant.powertrain import TRUTH
-from hev_can_emu.plant.truth_units import truth_unit
 from hev_can_emu.runtime.emulator import Emulator
 from hev_can_emu.runtime.virtual import FrameSink
 from hev_can_emu.scenario.monitor import NEVER
-from hev_can_emu.telemetry.recorder import Recorder, open_recorder
-from hev_can_emu.telemetry.table import Network
+from hev_can_emu.telemetry.recorder import TABLES, Recorder, open_recorder
+
+if TYPE_CHECKING:
+    from hev_can_emu.telemetry.table import Network
 
 
 def network_of(emulator: Emulator) -> Network:
     """Return what decoded signals of this car mean."""
+    from hev_can_emu.plant.truth_units import truth_unit
+    from hev_can_emu.telemetry.table import Network
+
     units = [truth_unit(name) for name in TRUTH]
     return Network(emulator.database, emulator.constants.codec, TRUTH, units)
 
@@ -45,7 +50,8 @@ class Recording:
         self._truth: list[tuple[int, npt.NDArray[np.float64]]] = []
         self._frames: list[npt.NDArray[np.void]] = []
         self._called_ns = -1
-        network = network_of(emulator)
+        tables = any(Path(path).suffix.lower() in TABLES for path in paths)
+        network = network_of(emulator) if tables else None
         with contextlib.ExitStack() as undo:
             for path in paths:
                 recorder = open_recorder(path, epoch_ns=epoch_ns, network=network)

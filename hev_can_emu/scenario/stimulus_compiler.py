@@ -9,7 +9,6 @@ from hev_can_emu.errors import InputError, did_you_mean
 from hev_can_emu.scenario import schema, script
 from hev_can_emu.scenario.expectation_schema import Value
 from hev_can_emu.scenario.place import Place
-from hev_can_emu.scenario.profile import read_profile
 from hev_can_emu.scenario.program import (
     Action,
     Clear,
@@ -204,6 +203,8 @@ class StimulusCompiler:
         return Shape(script.TRAIN, (), every, span, train.times)
 
     def _profile(self, signal: Signal, profile: schema.Profile, place: Place) -> Shape:
+        from hev_can_emu.scenario.profile import read_profile  # few scenarios have one
+
         text = self._values.scope.sources.profile(profile.file, place / "file")
         own: Unit = signal.known_unit(place)
         rows = read_profile(text, profile, own, place)

@@ -16,15 +16,17 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple, Protocol, Self, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self, cast
 
 import numpy as np
 import numpy.typing as npt
 
 from hev_can_emu.errors import InputError, StateError, did_you_mean
 from hev_can_emu.messages.frame_copy import join_frames, lasting_frames
-from hev_can_emu.telemetry.table import Network
-from hev_can_emu.telemetry.table_file import RowFile, TableFile
+
+if TYPE_CHECKING:
+    from hev_can_emu.telemetry.table import Network
+    from hev_can_emu.telemetry.table_file import RowFile
 
 FLUSH_S = 0.5  #: the file is complete up to this long ago, even if the process is killed
 PARQUET_FLUSH_S = 2.0  #: the same for Parquet, whose parts are costly
@@ -120,6 +122,8 @@ def open_recorder(
             return Recorder(path, FORMATS[ending](path, epoch_ns, channel))
         if network is None:
             raise ValueError(f"{path}: decoded signals need a network")
+        from hev_can_emu.telemetry.table_file import TableFile
+
         make, flush_s = TABLES[ending]
         return Recorder(path, TableFile(make(path, network), network, flush_s))
     except OSError as error:
