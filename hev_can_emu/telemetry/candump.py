@@ -16,6 +16,8 @@ lines.
 
 from __future__ import annotations
 
+import io
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -50,10 +52,15 @@ class CandumpWriter:
     def __init__(self, path: Path, epoch_ns: int, channel: str) -> None:
         self._epoch_ns = epoch_ns
         self._channel = channel
-        self._file = path.open("wb", buffering=0)
+        self._file = io.FileIO(path, "w", opener=_as_it_is)  # unbuffered
         self._text = np.empty(_CHUNK * _longest(channel), dtype=np.uint8)
         # What is called for the first time may take long: before the clock starts, not in it.
         native(write_lines, make_frames(0), epoch_ns, _words(channel), self._text)
+
+    def begin(self) -> None:
+        """Empty the file: to let go of a large one takes as long as a short run's start; raises OSError."""
+        if os.fstat(self._file.fileno()).st_size > 0:
+            self._file.truncate()
 
     def write(self, frames: np.ndarray) -> None:
         """Append frames; raises OSError."""
@@ -69,6 +76,11 @@ class CandumpWriter:
     def close(self) -> None:
         """Close the file."""
         self._file.close()
+
+
+def _as_it_is(path: str, flags: int) -> int:
+    """Open a file as :class:`io.FileIO` asks for it, but leave what is in it."""
+    return os.open(path, flags & ~os.O_TRUNC, 0o666)
 
 
 def format_candump(frames: np.ndarray, epoch_ns: int = 0, channel: str = "vcan0") -> bytes:

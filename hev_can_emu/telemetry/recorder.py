@@ -36,7 +36,10 @@ CHANNEL = "vcan0"
 
 
 class FrameFile(Protocol):
-    """One file format; used from the recorder's thread alone, but for its construction."""
+    """One file format; used from the recorder's thread alone, but for its construction.
+
+    Where it has a method ``begin``, that is called first.
+    """
 
     def write(self, frames: np.ndarray) -> None:
         """Append frames; raises OSError."""
@@ -155,6 +158,7 @@ class Recorder:
     def __init__(self, path: Path, file: FrameFile) -> None:
         self.path = path
         self._file = file
+        self._begin: Callable[[], None] = getattr(file, "begin", lambda: None)
         self._truth = getattr(file, "write_truth", None)
         self._flush_s: float = getattr(file, "flush_s", FLUSH_S)
         self._batches: deque[np.ndarray | TruthSamples] = deque()
@@ -241,6 +245,7 @@ class Recorder:
         """Write until closed: the recorder's thread."""
         flushed_s, unflushed, put = 0.0, False, 0
         try:
+            self._begin()
             while True:
                 with self._work:
                     self._work.wait_for(

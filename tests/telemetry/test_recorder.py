@@ -192,6 +192,25 @@ def test_a_killed_process_leaves_what_was_flushed(ending: str, tmp_path: Path) -
         assert messages[0].timestamp == pytest.approx(EPOCH_NS / 1e9, abs=1.5e-6)
 
 
+@pytest.mark.parametrize("ending", FORMATS)
+def test_an_older_recording_leaves_nothing_in_its_place(ending: str, tmp_path: Path) -> None:
+    path = tmp_path / f"again{ending}"
+    whole = mixed_frames()[[0, 1, 2, 3, 6]]
+    for frames in (np.tile(whole, 2000), whole, whole[:0]):
+        with open_recorder(path) as recorder:
+            recorder.write(frames, len(frames))
+        assert len(read(ending, path)) == len(frames)
+
+
+def test_a_recording_into_a_device_is_let_go(tmp_path: Path) -> None:
+    path = tmp_path / "nowhere.log"
+    path.symlink_to("/dev/null")
+    with open_recorder(path) as recorder:
+        recorder.write(mixed_frames(), 7)
+    assert recorder.counters.written == 7
+    assert path.is_char_device()
+
+
 def test_writing_costs_the_caller_microseconds(tmp_path: Path) -> None:
     frames = mixed_frames()
     with open_recorder(tmp_path / "fast.log") as recorder:
