@@ -349,7 +349,8 @@ class Player:
                 case program.Shape():
                     assert slot is not None
                     table[slot] = (
-                        action.kind, signal.index, t_ns, action.length_ns, *action.span, action.mode
+                        action.kind, signal.index, t_ns, action.length_ns,
+                        action.span.first, action.span.length, action.mode,
                     )  # fmt: skip
                     numbers[slot, : len(action.numbers)] = action.numbers
                     if action.numbers and math.isnan(action.numbers[0]):

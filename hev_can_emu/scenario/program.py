@@ -1,10 +1,13 @@
-"""A scenario ready to play: what the compilers make of a file, and the player plays."""
+"""A scenario ready to play: what the compilers make of a file, and the player plays.
+
+Structs, whose classes are made in a tenth of the time that those of named tuples take: at each start.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
 
+import msgspec
 import numpy as np
 import numpy.typing as npt
 
@@ -15,35 +18,35 @@ from hev_can_emu.scenario.monitor import Monitor
 from hev_can_emu.scenario.signals import Signal
 
 
-class Instant(NamedTuple):
+class Instant(msgspec.Struct, frozen=True):
     """A time in the scenario: ``offset_ns`` after its start, or after the step with that number."""
 
     step: int | None
     offset_ns: int
 
 
-class Span(NamedTuple):
+class Span(msgspec.Struct, frozen=True):
     """Where in the tables a program or samples stand."""
 
     first: int
     length: int
 
 
-class Set(NamedTuple):
+class Set(msgspec.Struct, frozen=True):
     """A constant; NaN sends "not available"."""
 
     value: float
 
 
-class Hold(NamedTuple):
+class Hold(msgspec.Struct, frozen=True):
     """The present value from now on."""
 
 
-class Release(NamedTuple):
+class Release(msgspec.Struct, frozen=True):
     """The initial value."""
 
 
-class Shape(NamedTuple):
+class Shape(msgspec.Struct, frozen=True):
     """A running stimulus, as :mod:`.script` reads it.
 
     Attributes:
@@ -64,14 +67,14 @@ class Shape(NamedTuple):
 Action = Set | Shape | Hold | Release
 
 
-class SendMessage(NamedTuple):
+class SendMessage(msgspec.Struct, frozen=True):
     """From now on ``message`` is sent (``enabled``) or not."""
 
     message: str
     enabled: bool
 
 
-class SendFrame(NamedTuple):
+class SendFrame(msgspec.Struct, frozen=True):
     """A raw frame, sent once."""
 
     identifier: int
@@ -80,7 +83,7 @@ class SendFrame(NamedTuple):
     fd: bool
 
 
-class Inject(NamedTuple):
+class Inject(msgspec.Struct, frozen=True):
     """Start a fault; ``fault`` is what the caller's reader of faults made of it."""
 
     label: str
@@ -88,7 +91,7 @@ class Inject(NamedTuple):
     where: str
 
 
-class Clear(NamedTuple):
+class Clear(msgspec.Struct, frozen=True):
     """End the fault of that name, if it is live."""
 
     label: str
@@ -97,7 +100,7 @@ class Clear(NamedTuple):
 Command = SendMessage | SendFrame | Inject | Clear
 
 
-class Step(NamedTuple):
+class Step(msgspec.Struct, frozen=True):
     """One step, ready to play; exactly one of ``at_ns``, ``after_ns`` and ``when`` is given."""
 
     name: str
@@ -113,7 +116,7 @@ class Step(NamedTuple):
     where: str
 
 
-class Watch(NamedTuple):
+class Watch(msgspec.Struct, frozen=True):
     """One expectation: ``make`` gives a fresh monitor for the window; ``hears``: it needs the frames."""
 
     opens: Instant
@@ -151,7 +154,7 @@ class Tables:
         return np.concatenate([empty, *self._code]), np.concatenate([empty, *self._samples])
 
 
-class Program(NamedTuple):
+class Program(msgspec.Struct, frozen=True):
     """A scenario, ready to play."""
 
     name: str

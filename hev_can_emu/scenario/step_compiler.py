@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import msgspec
+
 from hev_can_emu.scenario import schema
 from hev_can_emu.scenario.expectation_schema import Value
 from hev_can_emu.scenario.expression import Expression
@@ -115,7 +117,7 @@ class StepCompiler:
             if rounds:
                 self._alike[place.steps] = made
         self._order(made, step, place)
-        self.steps.append(made._replace(name=name))
+        self.steps.append(msgspec.structs.replace(made, name=name))
 
     def _made(self, step: schema.Step, place: Place) -> Step:
         """Return a step without its name."""
