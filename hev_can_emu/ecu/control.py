@@ -87,8 +87,12 @@ def _motor(
     lower: float,
     upper: float,
     active: bool,
-) -> None:
-    """MCU: mode and set values; torque bounds shrink while the request ramps down."""
+) -> bool:
+    """MCU: mode and set values; torque bounds shrink while the request ramps down.
+
+    Returns:
+        Whether the commands follow from the request alone.
+    """
     mode = or_zero(request[base + 1])
     factor = share[base]
     low, high = request[base + 3], request[base + 4]
@@ -103,15 +107,22 @@ def _motor(
     command[command_base + 2] = request[base + 2]
     command[command_base + 3] = low
     command[command_base + 4] = high
+    return not 0.0 <= factor < 1.0
 
 
 @kernel
-def _shift(request: Array, share: Array, truth: Array, active: bool, command: Array) -> None:
-    """TCU: a lost request leaves the sleeve where it is, but gives up a shift under way."""
+def _shift(request: Array, share: Array, truth: Array, active: bool, command: Array) -> bool:
+    """TCU: a lost request leaves the sleeve where it is, but gives up a shift under way.
+
+    Returns:
+        Whether the command follows from the request alone.
+    """
+    steady = True
     gear, force = request[ports.GEAR_REQUEST], or_zero(request[ports.SHIFT_FORCE_REQUEST])
     if _is_external(request, share, ports.EXTERNAL_GEAR):
         gear, force = math.nan, 0.0
     elif share[ports.GEAR_REQUEST] != 1.0 or math.isnan(gear) or not active:
+        steady = False
         gear = math.nan
         if _SHIFTING[int(truth[plant.Y_SYNC_PHASE])] == 1:
             gear = 0.0
@@ -119,6 +130,7 @@ def _shift(request: Array, share: Array, truth: Array, active: bool, command: Ar
             force = 0.0
     command[plant.U_GEAR] = gear
     command[plant.U_SHIFT_FORCE] = force
+    return steady
 
 
 @inlined_kernel
@@ -130,7 +142,7 @@ def commands_from_requests(
     brake_max: float,
     state: Array,
     command: Array,
-) -> None:
+) -> Any:
     """Fill the plant's commands; called once per tick.
 
     Args:
@@ -141,8 +153,12 @@ def commands_from_requests(
         brake_max: brake torque that a fully pressed pedal gives when no request does, N m.
         state: shape (N_STATE,), changed in place.
         command: out, shape (len(plant.COMMANDS),).
+
+    Returns:
+        Whether the next tick's commands will be the same, should ``request`` and ``share`` be.
     """
     active = _is_up(state, or_zero(request[ports.IGNITION]) >= IGNITION_ON)
+    steady = state[UP_TICKS] > BOOT_TICKS if active else state[DOWN_TICKS] > AFTERRUN_TICKS
 
     # EMS
     runs = active and not _is_external(request, share, ports.EXTERNAL_ENGINE_TORQUE)
@@ -150,12 +166,12 @@ def commands_from_requests(
     command[plant.U_ENGINE_TORQUE] = or_zero(request[ports.ENGINE_TORQUE_REQUEST])
 
     # MCU1, MCU2
-    _motor(
+    steady &= _motor(
         request, share, ports.EM1_TORQUE_REQUEST, command, plant.U_EM1_MODE,
         truth[plant.Y_EM1_TORQUE_MIN], truth[plant.Y_EM1_TORQUE_MAX],
         active and not _is_external(request, share, ports.EXTERNAL_EM1_TORQUE),
     )  # fmt: skip
-    _motor(
+    steady &= _motor(
         request, share, ports.EM2_TORQUE_REQUEST, command, plant.U_EM2_MODE,
         truth[plant.Y_EM2_TORQUE_MIN], truth[plant.Y_EM2_TORQUE_MAX],
         active and not _is_external(request, share, ports.EXTERNAL_EM2_TORQUE),
@@ -166,7 +182,7 @@ def commands_from_requests(
     if not active or _is_external(request, share, ports.EXTERNAL_CLUTCH_CAPACITY):
         clutch = 0.0
     command[plant.U_CLUTCH_CAPACITY] = clutch
-    _shift(request, share, truth, active, command)
+    steady &= _shift(request, share, truth, active, command)
 
     # ESC: the pedal works the brakes itself whenever no good request does.
     brake = or_zero(request[ports.BRAKE_TORQUE_REQUEST])
@@ -200,3 +216,4 @@ def commands_from_requests(
     command[plant.U_EXTERNAL_BATTERY_VOLTAGE] = request[ports.EXTERNAL_BATTERY_VOLTAGE]
     command[plant.U_EXTERNAL_DISCHARGE_POWER] = request[ports.EXTERNAL_DISCHARGE_POWER_LIMIT]
     command[plant.U_EXTERNAL_CHARGE_POWER] = request[ports.EXTERNAL_CHARGE_POWER_LIMIT]
+    return steady

@@ -150,6 +150,30 @@ def _at_bound(command: Array, base: int, setpoint: float) -> bool:
     return bool(setpoint == command[base + 3] or setpoint == command[base + 4])
 
 
+@kernel
+def supervision_limits(limited: Array, statuses: Array) -> bool:
+    """Return whether supervision limits any request, or misses one that came before."""
+    for i in range(LIMITED_REASONS.shape[0]):
+        if limited[LIMITED_REASONS[i, 1]] != 0.0:
+            return True
+    for i in range(LOST_REASONS.shape[0]):
+        if statuses[LOST_REASONS[i, 1]] > ports.REQUEST_NEVER:
+            return True
+    return False
+
+
+@kernel
+def _tell_limits(limited: Array, statuses: Array) -> None:
+    for i in range(LIMITED_REASONS.shape[0]):
+        reason = limited[LIMITED_REASONS[i, 1]]
+        if reason != 0.0 and statuses[LIMITED_REASONS[i, 0]] == ports.LIMIT_NONE:
+            statuses[LIMITED_REASONS[i, 0]] = reason
+    for i in range(LOST_REASONS.shape[0]):
+        # A unit that was never asked is not limited by a lost request.
+        if statuses[LOST_REASONS[i, 1]] > ports.REQUEST_NEVER:
+            statuses[LOST_REASONS[i, 0]] = ports.LIMIT_REQUEST_LOST
+
+
 @inlined_kernel
 def statuses_from_truth(
     truth: Array,
@@ -160,6 +184,8 @@ def statuses_from_truth(
     model: int,
     failed: int,
     refused: int,
+    fresh: bool,
+    limits: bool,
     statuses: Array,
 ) -> None:
     """Fill the status ports from truth, commands and the requests as received.
@@ -173,12 +199,15 @@ def statuses_from_truth(
         model: 0 4dof, 1 16dof, 2 detailed.
         failed: supervised messages that are not good.
         refused: frames refused so far.
+        fresh: whether requests may differ from those of the last call.
+        limits: whether supervision limits a request or misses one, see :func:`supervision_limits`.
         statuses: out; the REQUEST_* codes are there already.
     """
     for i in range(COPIES.shape[0]):
         statuses[COPIES[i, 0]] = truth[COPIES[i, 1]]
-    for i in range(ECHOES.shape[0]):
-        statuses[ECHOES[i, 0]] = request[ECHOES[i, 1]]
+    if fresh:
+        for i in range(ECHOES.shape[0]):
+            statuses[ECHOES[i, 0]] = request[ECHOES[i, 1]]
     statuses[ports.S_WHEEL_SPEED_FL] = truth[plant.Y_WHEEL_LEFT_SPEED] * tyre_radius
     statuses[ports.S_WHEEL_SPEED_FR] = truth[plant.Y_WHEEL_RIGHT_SPEED] * tyre_radius
     link = truth[plant.Y_LINK_VOLTAGE]
@@ -218,14 +247,8 @@ def statuses_from_truth(
     elif phase == ports.SYNC_BLOCKED_BY_TORQUE:
         shift_reason = float(ports.LIMIT_TORQUE_ON_DOGS)
     statuses[ports.S_SYNCHRONIZER_LIMIT_REASON] = shift_reason
-    for i in range(LIMITED_REASONS.shape[0]):
-        reason = limited[LIMITED_REASONS[i, 1]]
-        if reason != 0.0 and statuses[LIMITED_REASONS[i, 0]] == ports.LIMIT_NONE:
-            statuses[LIMITED_REASONS[i, 0]] = reason
-    for i in range(LOST_REASONS.shape[0]):
-        # A unit that was never asked is not limited by a lost request.
-        if statuses[LOST_REASONS[i, 1]] > ports.REQUEST_NEVER:
-            statuses[LOST_REASONS[i, 0]] = ports.LIMIT_REQUEST_LOST
+    if limits:
+        _tell_limits(limited, statuses)
 
     statuses[ports.S_DRIVING_MODE] = driving_mode(clutch, truth[plant.Y_GEAR])
     statuses[ports.S_FAULTS_ACTIVE] = 0.0

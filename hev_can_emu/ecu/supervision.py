@@ -135,7 +135,7 @@ def take_message(
     requests: Array,
     statuses: Array,
     t_ns: int,
-) -> None:
+) -> Any:
     """Take one received message into account.
 
     Args:
@@ -148,6 +148,10 @@ def take_message(
         requests: request ports as received, written where the frame may be used.
         statuses: status ports, with which a request must agree.
         t_ns: now.
+
+    Returns:
+        Whether :func:`watch` has anything new to see: not when one more frame asks what was asked before,
+        where all was well.
     """
     reason = reason_of(protection_code)
     if reason != R_OK:
@@ -167,12 +171,13 @@ def take_message(
         state[message, BAD_RUN] += 1
         state[message, GOOD_RUN] = 0
         state[message, COUNTS + reason] += 1
-        return
+        return True
     state[message, GOOD_NS] = t_ns
     state[message, GOOD_RUN] += 1
     state[message, BAD_RUN] = 0
+    news = not calm
     if node < 0 or not (asks or ties.node_ownership[node] == OWNER_EXTERNAL):
-        return
+        return news
     for tie in range(ties.rx_start[message], ties.rx_start[message + 1]):
         port = ties.rx_port[tie]
         value = received_value(ties, values, tie)
@@ -181,7 +186,10 @@ def take_message(
             value = np.nan
         # A driver's or road's quantity that is not available right now stays as it was.
         if asks or LOSABLE[port] == 1 or not math.isnan(value):
+            before = requests[port]
+            news |= value != before and not (math.isnan(value) and math.isnan(before))
             requests[port] = value
+    return news
 
 
 @kernel

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from hev_can_emu.ecu import (
     control,
     ports,
+    reporting,
     supervision,
     transmission_unit,
 )
@@ -162,7 +163,9 @@ class Emulator:
             force_max=self._car.force_max,
             prepared=len(faults),
             sensors=sensors,
-            restless=int(np.isin(sensors.port, ties.status_port).any()),
+            restless=int(
+                np.isin(sensors.port, [*ties.status_port, *reporting.ECHOES[:, 0]]).any()
+            ),
         )
         begin = Start(
             state_of_charge=self.setup.state_of_charge, closed=self.setup.start == "ready"

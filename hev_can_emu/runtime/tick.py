@@ -27,7 +27,7 @@ from hev_can_emu.ecu.frame_faults import (
     silence_nodes,
 )
 from hev_can_emu.ecu.plant_faults import fault_commands, fault_statuses
-from hev_can_emu.ecu.reporting import MOTOR_INIT, statuses_from_truth
+from hev_can_emu.ecu.reporting import MOTOR_INIT, statuses_from_truth, supervision_limits
 from hev_can_emu.ecu.rules import Rules
 from hev_can_emu.ecu.sensors import Sensors, measure
 from hev_can_emu.ecu.supervision import REFUSED as SUP_REFUSED
@@ -72,7 +72,10 @@ OPERATING, CODES_ACTIVE, CODES_CONFIRMED = 10, 11, 12
 RECHECK = 13  #: 1: who sends what is looked at anew in the next tick
 SETTLED = 14  #: 1: no node boots or falls asleep with ignition off, 2: with ignition on
 CALM_NS = 15  #: until then, supervision has nothing to do unless a frame comes
-N_SCALARS = 16
+NEWS = 16  #: 1: a frame came that supervision must see
+STEADY = 17  #: 1: the commands stay as they are unless supervision changes what acts
+LIMITS = 18  #: 1: supervision limits a request, or misses one
+N_SCALARS = 19
 
 MODE_CHANGED, SYNC_CHANGED, CONFLICT = 20, 21, 22  #: kinds of events
 
@@ -82,7 +85,7 @@ class Constants(NamedTuple):
 
     ``follows_ignition``: uint8 (nodes); ``boot_ns``, ``afterrun_ns``: time from ignition on to valid
     values, and from ignition off to silence; ``restless``: 1 where a sensor measures what supervision
-    tells, which is then told anew in each tick.
+    or a request tells, which is then told anew in each tick.
     """
 
     codec: Codec
@@ -191,10 +194,11 @@ def _take_frame(
         is_taken(constants.rules, message, code, mode)
     ):  # fmt: skip
         decode(constants.codec, message, frames[i]["data"], state.on_bus)
-    take_message(
+    if take_message(
         constants.ties, constants.rules, state.supervision, message, code, mode, state.on_bus,
         state.requests, state.statuses, t_ns,
-    )  # fmt: skip
+    ):  # fmt: skip
+        state.scalars[NEWS] = 1
     state.scalars[REFUSED] += state.supervision[message, SUP_REFUSED] - refused
     command = state.requests[ports.FAULT_COMMAND]
     if command > 0.0:
@@ -410,7 +414,6 @@ def run_ticks(
             _take_late(constants, state, -1, t_ns)
 
         # Frames of played nodes come back as any receiver sees them.
-        came = state.scalars[PENDING] > 0 or (taken < n_in and frames_in[taken]["t_ns"] <= t_ns)
         for i in range(state.scalars[PENDING]):
             _take_frame(constants, state, state.pending, i, state.enabled, t_ns)
         state.scalars[PENDING] = 0
@@ -451,7 +454,9 @@ def run_ticks(
                 begin_cycle(state.supervision, state.codes, t_ns)
                 recount = True
         calm = t_ns <= state.scalars[CALM_NS] and constants.restless == 0
-        if came or recount or faulty or not calm:
+        fresh = state.scalars[NEWS] != 0 or recount or faulty or not calm
+        if fresh:
+            state.scalars[NEWS] = 0
             failed, n_events, changed, calm_ns = watch(
                 constants.ties, constants.rules, state.supervision, state.requests, state.kept,
                 state.effective, state.share, state.limited, state.slewed, state.statuses,
@@ -462,12 +467,16 @@ def run_ticks(
             # Faults write into the statuses, too.
             state.scalars[CALM_NS] = -1 if faulty else calm_ns
             state.scalars[FAILED] = failed
+            limits = supervision_limits(state.limited, state.statuses)
+            state.scalars[LIMITS] = 1 if limits else 0
         failed = state.scalars[FAILED]
         refused = state.scalars[REFUSED]
-        commands_from_requests(
-            state.effective, state.share, state.statuses, state.truth, constants.brake_max,
-            state.unit_state, state.command,
-        )  # fmt: skip
+        if fresh or state.scalars[STEADY] == 0:
+            steady = commands_from_requests(
+                state.effective, state.share, state.statuses, state.truth, constants.brake_max,
+                state.unit_state, state.command,
+            )  # fmt: skip
+            state.scalars[STEADY] = 1 if steady else 0
         if faulty:
             fault_commands(
                 state.faults, state.command, state.truth, constants.clutch_max,
@@ -475,7 +484,7 @@ def run_ticks(
             )  # fmt: skip
         statuses_from_truth(
             state.truth, state.command, state.requests, state.limited, constants.tyre_radius,
-            constants.model, failed, refused, state.statuses,
+            constants.model, failed, refused, fresh, state.scalars[LIMITS] != 0, state.statuses,
         )  # fmt: skip
         state.statuses[ports.S_TROUBLE_CODES_ACTIVE] = state.scalars[CODES_ACTIVE]
         state.statuses[ports.S_TROUBLE_CODES_CONFIRMED] = state.scalars[CODES_CONFIRMED]

@@ -41,8 +41,10 @@ def report(
     for vector, given in ((y, truth), (u, command), (out, statuses or {})):
         for index, value in given.items():
             vector[index] = value
+    limited = np.zeros(len(ports.REQUESTS))
     reporting.statuses_from_truth(
-        y, u, request, np.zeros(len(ports.REQUESTS)), 0.35, 1, 2, 65540, out
+        y, u, request, limited, 0.35, 1, 2, 65540, True,
+        bool(reporting.supervision_limits(limited, out)), out,
     )
     return out
 
