@@ -55,14 +55,14 @@ class Lanes:
     def load(self, place: Any, kind: Any) -> Any:
         """Return what lies at an address (int64), zero in lanes that do not matter."""
         pointer = self.builder.inttoptr(place, kind.as_pointer())
-        name = f"llvm.masked.load.v{LANES}{'f64' if kind is DOUBLES else 'i64'}.p0"
+        name = f"llvm.masked.load.v{LANES}{'f64' if kind == DOUBLES else 'i64'}.p0"
         align = ir.Constant(LANE, 8)
         return self.function(name, kind, pointer, align, self.mask, ir.Constant(kind, None))
 
     def store(self, value: Any, place: Any) -> None:
         """Write to an address (int64) the lanes that matter."""
         pointer = self.builder.inttoptr(place, value.type.as_pointer())
-        name = f"llvm.masked.store.v{LANES}{'f64' if value.type is DOUBLES else 'i64'}.p0"
+        name = f"llvm.masked.store.v{LANES}{'f64' if value.type == DOUBLES else 'i64'}.p0"
         self.function(name, ir.VoidType(), value, pointer, ir.Constant(LANE, 8), self.mask)
 
     def joined(self, value: Any) -> Any:
@@ -74,6 +74,20 @@ class Lanes:
         builder = self.builder
         byte = builder.bitcast(builder.and_(bits, self.mask), ir.IntType(LANES))
         return builder.ctpop(builder.zext(byte, WORD))
+
+
+def repeat(builder: Any, head: Any) -> None:
+    """End a loop's body: go back to ``head``, and let LLVM leave the loop as it is.
+
+    Unrolled, its code would be several times as long and no faster: what is too much for a processor's store
+    of decoded instructions is decoded anew in every tick.
+    """
+    module = builder.module
+    disable = module.add_metadata(["llvm.loop.unroll.disable"])
+    # LLVM knows a loop's own node by its first operand, which is the node.
+    loop = ir.values.MDValue(module, [disable], name=str(len(module.metadata)))
+    loop.operands = (loop, disable)
+    builder.branch(head).set_metadata("llvm.loop", loop)
 
 
 def blocks(builder: Any, count: Any, body: Any) -> None:
@@ -89,5 +103,5 @@ def blocks(builder: Any, count: Any, body: Any) -> None:
     builder.position_at_end(inside)
     body(done, builder.sub(count, done))
     done.add_incoming(builder.add(done, step), builder.block)
-    builder.branch(head)
+    repeat(builder, head)
     builder.position_at_end(after)

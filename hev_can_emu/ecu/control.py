@@ -9,6 +9,7 @@ where it reports nothing, its machine is passive.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt

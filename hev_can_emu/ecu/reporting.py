@@ -153,13 +153,12 @@ def _at_bound(command: Array, base: int, setpoint: float) -> bool:
 @kernel
 def supervision_limits(limited: Array, statuses: Array) -> bool:
     """Return whether supervision limits any request, or misses one that came before."""
+    found = False
     for i in range(LIMITED_REASONS.shape[0]):
-        if limited[LIMITED_REASONS[i, 1]] != 0.0:
-            return True
+        found |= limited[LIMITED_REASONS[i, 1]] != 0.0
     for i in range(LOST_REASONS.shape[0]):
-        if statuses[LOST_REASONS[i, 1]] > ports.REQUEST_NEVER:
-            return True
-    return False
+        found |= statuses[LOST_REASONS[i, 1]] > ports.REQUEST_NEVER
+    return found
 
 
 @kernel

@@ -13,12 +13,11 @@ the books of travel and heat belong to the step as well.  Without them that code
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 
 from hev_can_emu.jit import inlined_kernel, kernel, small_kernel
+from hev_can_emu.moves import fill, move, same
 from hev_can_emu.plant import teeth
 from hev_can_emu.plant.bank import Bank
 from hev_can_emu.plant.contact import any_dogs_meet, any_mesh_changes, let_dogs_in, settle_teeth
@@ -121,24 +120,18 @@ def _book(u: Array, nx: int, locks: int, pistons: float, after: Array, books: Ar
 @small_kernel
 def _join(x: Array, u: Array, nx: int, z: Array) -> None:
     """``z = [x; u]``, filled up with zeros."""
-    for i in range(nx):
-        z[i] = x[i]
-    for i in range(u.shape[0]):
-        z[nx + i] = u[i]
-    for i in range(nx + u.shape[0], z.shape[0]):
-        z[i] = 0.0
+    known = nx + u.shape[0]
+    move(x, 0, z, 0, nx)
+    move(u, 0, z, nx, u.shape[0])
+    fill(z, known, z.shape[0] - known, 0.0)
 
 
 @small_kernel
 def _see_speeds(bank: Bank, x: Array, nx: int, seen: Array) -> None:
     """Write the speeds of ``x`` into ``seen``, unless they are there since the last look or step."""
-    same: Any = np.int64(0)
-    for i in range(nx):
-        same += np.int64(x[i] == seen[AFTER + i])
-    if same == nx:
+    if same(x, 0, seen, AFTER, nx):
         return
-    for i in range(nx):
-        seen[AFTER + i] = x[i]
+    move(x, 0, seen, AFTER, nx)
     all_rows(bank.speeds, x, seen[SPEEDS:])
 
 
@@ -294,8 +287,7 @@ def step(
                     extras.damping, length, first, after[extras.middle :], last, books
                 )
             u[ENGINE] = engine_torque
-        for i in range(nx):
-            x[i] = after[i]
+        move(after, 0, x, 0, nx)
         position += 1 << level
         level = levels
         if not eventful:

@@ -14,7 +14,7 @@ from numba.extending import intrinsic, overload
 
 from hev_can_emu.jit import kernel
 from hev_can_emu.plant.columns import WIDTH, columns_times
-from hev_can_emu.vector_code import address
+from hev_can_emu.vector_code import address, repeat
 
 
 def vector_sums(width: int, vectors: int) -> Any:
@@ -81,7 +81,7 @@ def vector_sums(width: int, vectors: int) -> Any:
                     for old, more in zip(kept, products(j, step), strict=True)
                 ]
                 further = builder.add(j, constant(step))
-                builder.branch(head)
+                repeat(builder, head)
                 for phi, first, second in [(j, begin, further), *zip(kept, sums, new, strict=True)]:
                     phi.add_incoming(first, entry)
                     phi.add_incoming(second, body)

@@ -163,9 +163,7 @@ class Emulator:
             force_max=self._car.force_max,
             prepared=len(faults),
             sensors=sensors,
-            restless=int(
-                np.isin(sensors.port, [*ties.status_port, *reporting.ECHOES[:, 0]]).any()
-            ),
+            restless=int(np.isin(sensors.port, [*ties.status_port, *reporting.ECHOES[:, 0]]).any()),
         )
         begin = Start(
             state_of_charge=self.setup.state_of_charge, closed=self.setup.start == "ready"

@@ -43,6 +43,7 @@ from hev_can_emu.messages.protection import LENGTH_WRONG, Protection, is_accepte
 from hev_can_emu.messages.quick import show_signals
 from hev_can_emu.messages.restbus import Restbus, awake
 from hev_can_emu.messages.transfer import receive, transmit_these
+from hev_can_emu.moves import fill_integers
 from hev_can_emu.native import Bound
 from hev_can_emu.plant.detailed_layout import DetailedPlant
 from hev_can_emu.plant.events import note
@@ -173,8 +174,7 @@ class State(NamedTuple):
 @inner_kernel
 def _mark_seen(codec: Codec, seen_ns: Integers, message: int, t_ns: int) -> None:
     first = codec.messages[message, M_FIRST]
-    for signal in range(first, first + codec.messages[message, M_COUNT]):
-        seen_ns[signal] = t_ns
+    fill_integers(seen_ns, first, codec.messages[message, M_COUNT], t_ns)
 
 
 @inlined_kernel

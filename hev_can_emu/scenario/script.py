@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hev_can_emu.jit import inlined_kernel, inner_kernel, kernel
+from hev_can_emu.moves import fill, move
 from hev_can_emu.native import Bound
 from hev_can_emu.scenario import columns
 from hev_can_emu.scenario.evaluation import STACK, Code, evaluate
@@ -143,13 +144,11 @@ def _perform(
             return TRIGGERED
         if t_ns >= control[TIMEOUT_NS]:
             return TIMED_OUT
-    for i in range(script.pulses.shape[0]):
-        script.pulses[i] = 0.0
+    fill(script.pulses, 0, script.pulses.shape[0], 0.0)
     if recording:
         at = control[ROWS]
         script.rows_ns[at] = t_ns
-        for i in range(script.row.shape[0]):
-            script.rows[at, i] = script.row[i]
+        move(script.row, 0, script.rows[at], 0, script.row.shape[0])
         control[ROWS] = at + 1
     for shape in range(script.shapes.shape[0]):
         if script.shapes[shape, KIND] != IDLE:

@@ -43,8 +43,17 @@ def report(
             vector[index] = value
     limited = np.zeros(len(ports.REQUESTS))
     reporting.statuses_from_truth(
-        y, u, request, limited, 0.35, 1, 2, 65540, True,
-        bool(reporting.supervision_limits(limited, out)), out,
+        y,
+        u,
+        request,
+        limited,
+        0.35,
+        1,
+        2,
+        65540,
+        True,
+        bool(reporting.supervision_limits(limited, out)),
+        out,
     )
     return out
 
