@@ -86,7 +86,12 @@ def _list_ports() -> int:
         ("status: (what a unit sends)", STATUSES),
     ):
         print(f"{title}")
-        _table([(port.name, "" if port.unit == "1" else port.unit, port.meaning) for port in known])
+        _table(
+            [
+                (port.name, "" if port.unit == "1" else port.unit, port.meaning)
+                for port in sorted(known)
+            ]
+        )
         print()
     return 0
 

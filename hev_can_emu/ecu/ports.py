@@ -60,71 +60,47 @@ REQUESTS: tuple[Port, ...] = (
 STATUSES: tuple[Port, ...] = (
     Port("engine_speed", "rad/s", "crankshaft speed"),
     Port("engine_torque", "N m", "actual torque at the crankshaft, after friction"),
-    Port("engine_torque_echo", "N m", "torque request as received"),
     Port("engine_torque_setpoint", "N m", "request after all limits"),
-    Port("engine_torque_max", "N m", "largest torque available now"),
-    Port("engine_torque_min", "N m", "smallest torque available now (fuel cut)"),
-    Port("engine_state", "1", "0 off, 1 cranking, 2 running, 3 stalled, 4 fault"),
     Port("engine_limit_reason", "1", "LIMIT_* code: why setpoint and request differ"),
-    Port("engine_request_status", "1", "REQUEST_* code of HCU_EngineRequest"),
-    Port("engine_run_echo", "1", "run request as received"),
+    Port("engine_torque_min", "N m", "smallest torque available now (fuel cut)"),
+    Port("engine_torque_max", "N m", "largest torque available now"),
+    Port("engine_state", "1", "0 off, 1 cranking, 2 running, 3 stalled, 4 fault"),
     Port("engine_coolant_temperature", "K", "coolant temperature"),
     Port("em1_speed", "rad/s", "EM1 shaft speed, positive forward"),
     Port("em1_torque", "N m", "actual shaft torque, positive drives forward"),
-    Port("em1_torque_echo", "N m", "torque request as received"),
     Port("em1_torque_setpoint", "N m", "set torque after all limits"),
-    Port("em1_torque_max", "N m", "largest torque available now"),
-    Port("em1_torque_min", "N m", "smallest torque available now"),
-    Port("em1_speed_echo", "rad/s", "speed request as received"),
-    Port("em1_state", "1", "0 init, 1 standby, 2 torque, 3 speed, 4 freewheel, 5 ASC, 6 fault"),
     Port("em1_limit_reason", "1", "LIMIT_* code: why setpoint and request differ"),
-    Port("em1_request_status", "1", "REQUEST_* code of HCU_EM1Request"),
-    Port("em1_mode_echo", "1", "control mode as received"),
+    Port("em1_torque_min", "N m", "smallest torque available now"),
+    Port("em1_torque_max", "N m", "largest torque available now"),
     Port("em1_dc_power", "W", "positive consumes DC current"),
-    Port("em1_dc_voltage", "V", "voltage at the inverter's DC link"),
-    Port("em1_dc_current", "A", "positive consumes"),
     Port("em1_temperature", "K", "winding temperature"),
     Port("em1_inverter_temperature", "K", "inverter temperature"),
     Port("em2_speed", "rad/s", "EM2 shaft speed, positive forward"),
     Port("em2_torque", "N m", "actual shaft torque, positive drives forward"),
-    Port("em2_torque_echo", "N m", "torque request as received"),
     Port("em2_torque_setpoint", "N m", "set torque after all limits"),
-    Port("em2_torque_max", "N m", "largest torque available now"),
-    Port("em2_torque_min", "N m", "smallest torque available now"),
-    Port("em2_speed_echo", "rad/s", "speed request as received"),
-    Port("em2_state", "1", "0 init, 1 standby, 2 torque, 3 speed, 4 freewheel, 5 ASC, 6 fault"),
     Port("em2_limit_reason", "1", "LIMIT_* code: why setpoint and request differ"),
-    Port("em2_request_status", "1", "REQUEST_* code of HCU_EM2Request"),
-    Port("em2_mode_echo", "1", "control mode as received"),
+    Port("em2_torque_min", "N m", "smallest torque available now"),
+    Port("em2_torque_max", "N m", "largest torque available now"),
     Port("em2_dc_power", "W", "positive consumes DC current"),
-    Port("em2_dc_voltage", "V", "voltage at the inverter's DC link"),
-    Port("em2_dc_current", "A", "positive consumes"),
     Port("em2_temperature", "K", "winding temperature"),
     Port("em2_inverter_temperature", "K", "inverter temperature"),
-    Port("clutch_state", "1", "0 open, 1 slipping, 2 locked"),
     Port("clutch_capacity", "N m", "actual torque capacity of C1"),
-    Port("clutch_capacity_echo", "N m", "capacity request as received"),
     Port("clutch_capacity_setpoint", "N m", "set capacity after all limits"),
+    Port("clutch_limit_reason", "1", "LIMIT_* code"),
     Port(
         "clutch_torque", "N m", "torque transmitted through C1, positive from engine to EM1 shaft"
     ),
     Port("clutch_slip", "rad/s", "engine-side minus transmission-side speed"),
-    Port("clutch_limit_reason", "1", "LIMIT_* code"),
-    Port("clutch_request_status", "1", "REQUEST_* code of HCU_ClutchRequest"),
-    Port("clutch_temperature", "K", "plate temperature"),
+    Port("clutch_state", "1", "0 open, 1 slipping, 2 locked"),
     Port("gear", "1", "0 neutral, 1 G1, 2 G2, 3 between"),
     Port("synchronizer_state", "1", "SYNC_* code: phase of the shift"),
     Port("sleeve_position", "m", "sleeve travel, positive towards G1"),
-    Port("gear_echo", "1", "gear request as received"),
-    Port("shift_force_echo", "N", "shift force request as received"),
     Port("shift_force", "N", "actual force on the sleeve, positive towards G1"),
-    Port("synchronizer_request_status", "1", "REQUEST_* code of HCU_SynchronizerRequest"),
     Port("synchronizer_slip", "rad/s", "sleeve speed minus speed of the gear being engaged"),
     Port("synchronizer_limit_reason", "1", "LIMIT_* code: why the request is not carried out"),
     Port("wheel_speed_fl", "m/s", "front left, at the tyre's rolling radius"),
     Port("wheel_speed_fr", "m/s", "front right"),
     Port("wheel_speed_rl", "m/s", "rear left"),
-    Port("wheel_speed_rr", "m/s", "rear right"),
     Port("vehicle_speed", "m/s", "speed of the body"),
     Port("longitudinal_acceleration", "m/s^2", "dv/dt of the body, without gravity"),
     Port(
@@ -133,28 +109,52 @@ STATUSES: tuple[Port, ...] = (
         "as an accelerometer reads it: with g*sin(slope)",
     ),
     Port("brake_torque", "N m", "actual friction brake torque, sum of the wheels"),
-    Port("brake_torque_echo", "N m", "brake request as received"),
     Port("brake_torque_setpoint", "N m", "set brake torque after all limits"),
     Port("brake_limit_reason", "1", "LIMIT_* code"),
-    Port("brake_request_status", "1", "REQUEST_* code of HCU_BrakeRequest"),
     Port("standstill", "1", "1 while the body is held at rest"),
     Port("state_of_charge", "1", "0 to 1"),
     Port("battery_voltage", "V", "terminal voltage"),
     Port("battery_current", "A", "positive charges"),
     Port("battery_temperature", "K", "cell temperature"),
-    Port("contactor_state", "1", "0 open, 1 precharge, 2 closed, 3 opening, 4 fault"),
-    Port("contactor_echo", "1", "contactor request as received"),
-    Port("charge_power_limit", "W", "magnitude of the power that may be charged"),
-    Port("discharge_power_limit", "W", "power that may be discharged"),
     Port("battery_limit_reason", "1", "LIMIT_* code"),
+    Port("contactor_state", "1", "0 open, 1 precharge, 2 closed, 3 opening, 4 fault"),
+    Port("em1_dc_voltage", "V", "voltage at the inverter's DC link"),
+    Port("discharge_power_limit", "W", "power that may be discharged"),
+    Port("charge_power_limit", "W", "magnitude of the power that may be charged"),
+    Port("road_grade_actual", "1", "slope"),
+    Port("ambient_temperature_actual", "K", ""),
+    Port("wheel_speed_rr", "m/s", "rear right"),
+    Port("driving_mode", "1", "MODE_* code"),
+    Port("clutch_temperature", "K", "plate temperature"),
+    Port("engine_torque_echo", "N m", "torque request as received"),
+    Port("engine_request_status", "1", "REQUEST_* code of HCU_EngineRequest"),
+    Port("engine_run_echo", "1", "run request as received"),
+    Port("em1_torque_echo", "N m", "torque request as received"),
+    Port("em1_speed_echo", "rad/s", "speed request as received"),
+    Port("em1_state", "1", "0 init, 1 standby, 2 torque, 3 speed, 4 freewheel, 5 ASC, 6 fault"),
+    Port("em1_request_status", "1", "REQUEST_* code of HCU_EM1Request"),
+    Port("em1_mode_echo", "1", "control mode as received"),
+    Port("em1_dc_current", "A", "positive consumes"),
+    Port("em2_torque_echo", "N m", "torque request as received"),
+    Port("em2_speed_echo", "rad/s", "speed request as received"),
+    Port("em2_state", "1", "0 init, 1 standby, 2 torque, 3 speed, 4 freewheel, 5 ASC, 6 fault"),
+    Port("em2_request_status", "1", "REQUEST_* code of HCU_EM2Request"),
+    Port("em2_mode_echo", "1", "control mode as received"),
+    Port("em2_dc_voltage", "V", "voltage at the inverter's DC link"),
+    Port("em2_dc_current", "A", "positive consumes"),
+    Port("clutch_capacity_echo", "N m", "capacity request as received"),
+    Port("clutch_request_status", "1", "REQUEST_* code of HCU_ClutchRequest"),
+    Port("gear_echo", "1", "gear request as received"),
+    Port("shift_force_echo", "N", "shift force request as received"),
+    Port("synchronizer_request_status", "1", "REQUEST_* code of HCU_SynchronizerRequest"),
+    Port("brake_torque_echo", "N m", "brake request as received"),
+    Port("brake_request_status", "1", "REQUEST_* code of HCU_BrakeRequest"),
+    Port("contactor_echo", "1", "contactor request as received"),
     Port("hv_request_status", "1", "REQUEST_* code of HCU_HVRequest"),
     Port("driver_accelerator", "1", "0 to 1"),
     Port("driver_brake", "1", "0 to 1"),
     Port("driver_selector", "1", "0 P, 1 R, 2 N, 3 D"),
     Port("driver_ignition", "1", "0 off, 1 accessory, 2 on, 3 start"),
-    Port("road_grade_actual", "1", "slope"),
-    Port("ambient_temperature_actual", "K", ""),
-    Port("driving_mode", "1", "MODE_* code"),
     Port("faults_active", "1", "number of injected faults active"),
     Port(
         "requests_failed", "1", "number of received request messages that are timed out or refused"
@@ -205,98 +205,98 @@ FAULT_NUMBER = 34
 #: Ports of a tester: a network need not carry them.
 TESTER_REQUESTS = frozenset({FAULT_COMMAND, FAULT_NUMBER})
 
-# Indices into the status vector.
+# Indices into the status vector.  The first ones lie as the plant's truth does, see :mod:`.reporting`.
 S_ENGINE_SPEED = 0
 S_ENGINE_TORQUE = 1
-S_ENGINE_TORQUE_ECHO = 2
-S_ENGINE_TORQUE_SETPOINT = 3
-S_ENGINE_TORQUE_MAX = 4
-S_ENGINE_TORQUE_MIN = 5
+S_ENGINE_TORQUE_SETPOINT = 2
+S_ENGINE_LIMIT_REASON = 3
+S_ENGINE_TORQUE_MIN = 4
+S_ENGINE_TORQUE_MAX = 5
 S_ENGINE_STATE = 6
-S_ENGINE_LIMIT_REASON = 7
-S_ENGINE_REQUEST_STATUS = 8
-S_ENGINE_RUN_ECHO = 9
-S_ENGINE_COOLANT_TEMPERATURE = 10
-S_EM1_SPEED = 11
-S_EM1_TORQUE = 12
-S_EM1_TORQUE_ECHO = 13
-S_EM1_TORQUE_SETPOINT = 14
-S_EM1_TORQUE_MAX = 15
-S_EM1_TORQUE_MIN = 16
-S_EM1_SPEED_ECHO = 17
-S_EM1_STATE = 18
-S_EM1_LIMIT_REASON = 19
-S_EM1_REQUEST_STATUS = 20
-S_EM1_MODE_ECHO = 21
-S_EM1_DC_POWER = 22
-S_EM1_DC_VOLTAGE = 23
-S_EM1_DC_CURRENT = 24
-S_EM1_TEMPERATURE = 25
-S_EM1_INVERTER_TEMPERATURE = 26
-S_EM2_SPEED = 27
-S_EM2_TORQUE = 28
-S_EM2_TORQUE_ECHO = 29
-S_EM2_TORQUE_SETPOINT = 30
-S_EM2_TORQUE_MAX = 31
-S_EM2_TORQUE_MIN = 32
-S_EM2_SPEED_ECHO = 33
-S_EM2_STATE = 34
-S_EM2_LIMIT_REASON = 35
-S_EM2_REQUEST_STATUS = 36
-S_EM2_MODE_ECHO = 37
-S_EM2_DC_POWER = 38
-S_EM2_DC_VOLTAGE = 39
-S_EM2_DC_CURRENT = 40
-S_EM2_TEMPERATURE = 41
-S_EM2_INVERTER_TEMPERATURE = 42
-S_CLUTCH_STATE = 43
-S_CLUTCH_CAPACITY = 44
-S_CLUTCH_CAPACITY_ECHO = 45
-S_CLUTCH_CAPACITY_SETPOINT = 46
-S_CLUTCH_TORQUE = 47
-S_CLUTCH_SLIP = 48
-S_CLUTCH_LIMIT_REASON = 49
-S_CLUTCH_REQUEST_STATUS = 50
-S_CLUTCH_TEMPERATURE = 51
-S_GEAR = 52
-S_SYNCHRONIZER_STATE = 53
-S_SLEEVE_POSITION = 54
-S_GEAR_ECHO = 55
-S_SHIFT_FORCE_ECHO = 56
-S_SHIFT_FORCE = 57
-S_SYNCHRONIZER_REQUEST_STATUS = 58
-S_SYNCHRONIZER_SLIP = 59
-S_SYNCHRONIZER_LIMIT_REASON = 60
-S_WHEEL_SPEED_FL = 61
-S_WHEEL_SPEED_FR = 62
-S_WHEEL_SPEED_RL = 63
-S_WHEEL_SPEED_RR = 64
-S_VEHICLE_SPEED = 65
-S_LONGITUDINAL_ACCELERATION = 66
-S_LONGITUDINAL_ACCELERATION_SENSOR = 67
-S_BRAKE_TORQUE = 68
-S_BRAKE_TORQUE_ECHO = 69
-S_BRAKE_TORQUE_SETPOINT = 70
-S_BRAKE_LIMIT_REASON = 71
-S_BRAKE_REQUEST_STATUS = 72
-S_STANDSTILL = 73
-S_STATE_OF_CHARGE = 74
-S_BATTERY_VOLTAGE = 75
-S_BATTERY_CURRENT = 76
-S_BATTERY_TEMPERATURE = 77
-S_CONTACTOR_STATE = 78
-S_CONTACTOR_ECHO = 79
-S_CHARGE_POWER_LIMIT = 80
-S_DISCHARGE_POWER_LIMIT = 81
-S_BATTERY_LIMIT_REASON = 82
-S_HV_REQUEST_STATUS = 83
-S_DRIVER_ACCELERATOR = 84
-S_DRIVER_BRAKE = 85
-S_DRIVER_SELECTOR = 86
-S_DRIVER_IGNITION = 87
-S_ROAD_GRADE_ACTUAL = 88
-S_AMBIENT_TEMPERATURE_ACTUAL = 89
-S_DRIVING_MODE = 90
+S_ENGINE_COOLANT_TEMPERATURE = 7
+S_EM1_SPEED = 8
+S_EM1_TORQUE = 9
+S_EM1_TORQUE_SETPOINT = 10
+S_EM1_LIMIT_REASON = 11
+S_EM1_TORQUE_MIN = 12
+S_EM1_TORQUE_MAX = 13
+S_EM1_DC_POWER = 14
+S_EM1_TEMPERATURE = 15
+S_EM1_INVERTER_TEMPERATURE = 16
+S_EM2_SPEED = 17
+S_EM2_TORQUE = 18
+S_EM2_TORQUE_SETPOINT = 19
+S_EM2_LIMIT_REASON = 20
+S_EM2_TORQUE_MIN = 21
+S_EM2_TORQUE_MAX = 22
+S_EM2_DC_POWER = 23
+S_EM2_TEMPERATURE = 24
+S_EM2_INVERTER_TEMPERATURE = 25
+S_CLUTCH_CAPACITY = 26
+S_CLUTCH_CAPACITY_SETPOINT = 27
+S_CLUTCH_LIMIT_REASON = 28
+S_CLUTCH_TORQUE = 29
+S_CLUTCH_SLIP = 30
+S_CLUTCH_STATE = 31
+S_GEAR = 32
+S_SYNCHRONIZER_STATE = 33
+S_SLEEVE_POSITION = 34
+S_SHIFT_FORCE = 35
+S_SYNCHRONIZER_SLIP = 36
+S_SYNCHRONIZER_LIMIT_REASON = 37
+S_WHEEL_SPEED_FL = 38
+S_WHEEL_SPEED_FR = 39
+S_WHEEL_SPEED_RL = 40
+S_VEHICLE_SPEED = 41
+S_LONGITUDINAL_ACCELERATION = 42
+S_LONGITUDINAL_ACCELERATION_SENSOR = 43
+S_BRAKE_TORQUE = 44
+S_BRAKE_TORQUE_SETPOINT = 45
+S_BRAKE_LIMIT_REASON = 46
+S_STANDSTILL = 47
+S_STATE_OF_CHARGE = 48
+S_BATTERY_VOLTAGE = 49
+S_BATTERY_CURRENT = 50
+S_BATTERY_TEMPERATURE = 51
+S_BATTERY_LIMIT_REASON = 52
+S_CONTACTOR_STATE = 53
+S_EM1_DC_VOLTAGE = 54
+S_DISCHARGE_POWER_LIMIT = 55
+S_CHARGE_POWER_LIMIT = 56
+S_ROAD_GRADE_ACTUAL = 57
+S_AMBIENT_TEMPERATURE_ACTUAL = 58
+S_WHEEL_SPEED_RR = 59
+S_DRIVING_MODE = 60
+S_CLUTCH_TEMPERATURE = 61
+S_ENGINE_TORQUE_ECHO = 62
+S_ENGINE_REQUEST_STATUS = 63
+S_ENGINE_RUN_ECHO = 64
+S_EM1_TORQUE_ECHO = 65
+S_EM1_SPEED_ECHO = 66
+S_EM1_STATE = 67
+S_EM1_REQUEST_STATUS = 68
+S_EM1_MODE_ECHO = 69
+S_EM1_DC_CURRENT = 70
+S_EM2_TORQUE_ECHO = 71
+S_EM2_SPEED_ECHO = 72
+S_EM2_STATE = 73
+S_EM2_REQUEST_STATUS = 74
+S_EM2_MODE_ECHO = 75
+S_EM2_DC_VOLTAGE = 76
+S_EM2_DC_CURRENT = 77
+S_CLUTCH_CAPACITY_ECHO = 78
+S_CLUTCH_REQUEST_STATUS = 79
+S_GEAR_ECHO = 80
+S_SHIFT_FORCE_ECHO = 81
+S_SYNCHRONIZER_REQUEST_STATUS = 82
+S_BRAKE_TORQUE_ECHO = 83
+S_BRAKE_REQUEST_STATUS = 84
+S_CONTACTOR_ECHO = 85
+S_HV_REQUEST_STATUS = 86
+S_DRIVER_ACCELERATOR = 87
+S_DRIVER_BRAKE = 88
+S_DRIVER_SELECTOR = 89
+S_DRIVER_IGNITION = 90
 S_FAULTS_ACTIVE = 91
 S_REQUESTS_FAILED = 92
 S_REJECTED_FRAMES = 93

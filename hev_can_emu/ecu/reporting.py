@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from hev_can_emu.ecu import ports
 from hev_can_emu.jit import inlined_kernel, kernel
+from hev_can_emu.moves import move
 from hev_can_emu.plant import powertrain as plant
 
 Array = npt.NDArray[np.float64]
@@ -14,8 +15,9 @@ Array = npt.NDArray[np.float64]
 CLUTCH_OPEN, CLUTCH_SLIPPING, CLUTCH_LOCKED = 0, 1, 2
 MOTOR_INIT, MOTOR_STANDBY, MOTOR_TORQUE, MOTOR_SPEED = 0, 1, 2, 3
 
-# Straight copies: status port, truth.
-_COPIES: tuple[tuple[int, int], ...] = (
+#: Straight copies, status port and truth.  The two vectors have these at the same places, so that one stretch
+#: of the truth is moved; what lies between them is no copy and written after.
+COPIES: tuple[tuple[int, int], ...] = (
     (ports.S_ENGINE_SPEED, plant.Y_ENGINE_SPEED),
     (ports.S_ENGINE_TORQUE, plant.Y_ENGINE_TORQUE),
     (ports.S_ENGINE_TORQUE_SETPOINT, plant.Y_ENGINE_SETPOINT),
@@ -41,7 +43,6 @@ _COPIES: tuple[tuple[int, int], ...] = (
     (ports.S_EM2_TORQUE_MIN, plant.Y_EM2_TORQUE_MIN),
     (ports.S_EM2_LIMIT_REASON, plant.Y_EM2_REASON),
     (ports.S_EM2_DC_POWER, plant.Y_EM2_POWER),
-    (ports.S_EM2_DC_VOLTAGE, plant.Y_LINK_VOLTAGE),
     (ports.S_EM2_TEMPERATURE, plant.Y_EM2_WINDING_TEMPERATURE),
     (ports.S_EM2_INVERTER_TEMPERATURE, plant.Y_EM2_INVERTER_TEMPERATURE),
     (ports.S_CLUTCH_CAPACITY, plant.Y_CLUTCH_CAPACITY),
@@ -113,7 +114,7 @@ _LIMITED: tuple[tuple[int, int], ...] = (
     (ports.S_SYNCHRONIZER_LIMIT_REASON, ports.SHIFT_FORCE_REQUEST),
     (ports.S_BRAKE_LIMIT_REASON, ports.BRAKE_TORQUE_REQUEST),
 )
-COPIES = np.array(_COPIES, dtype=np.int64)
+_COPIED = 1 + max(place for place, _ in COPIES)
 ECHOES = np.array(_ECHOES, dtype=np.int64)
 LOST_REASONS = np.array(_LOST, dtype=np.int64)
 LIMITED_REASONS = np.array(_LIMITED, dtype=np.int64)
@@ -202,8 +203,8 @@ def statuses_from_truth(
         limits: whether supervision limits a request or misses one, see :func:`supervision_limits`.
         statuses: out; the REQUEST_* codes are there already.
     """
-    for i in range(COPIES.shape[0]):
-        statuses[COPIES[i, 0]] = truth[COPIES[i, 1]]
+    move(truth, 0, statuses, 0, _COPIED)
+    statuses[ports.S_EM2_DC_VOLTAGE] = truth[plant.Y_LINK_VOLTAGE]
     if fresh:
         for i in range(ECHOES.shape[0]):
             statuses[ECHOES[i, 0]] = request[ECHOES[i, 1]]

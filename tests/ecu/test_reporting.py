@@ -107,3 +107,19 @@ def test_currents_need_a_voltage() -> None:
     truth = {plant.Y_EM2_POWER: -7000.0, plant.Y_LINK_VOLTAGE: 350.0}
     assert report(truth, {})[ports.S_EM2_DC_CURRENT] == pytest.approx(-20.0)
     assert report({plant.Y_LINK_VOLTAGE: 0.0}, {})[ports.S_EM2_DC_CURRENT] == 0.0
+
+
+def test_every_copy_is_where_the_truth_has_it() -> None:
+    assert all(status == truth for status, truth in reporting.COPIES)
+    truth = np.arange(1.0, 1.0 + len(plant.TRUTH))
+    out = report(dict(enumerate(truth)), {})
+    limits = {port for port, _ in reporting.COPIES if ports.STATUSES[port].name.endswith("reason")}
+    for status, place in reporting.COPIES:
+        if status not in limits:
+            assert out[status] == truth[place]
+    assert out[ports.S_EM2_DC_VOLTAGE] == truth[plant.Y_LINK_VOLTAGE]
+    for name in ("speed", "torque", "torque_min", "torque_max", "inverter_temperature"):
+        for machine in ("em1", "em2"):
+            place = plant.TRUTH.index(f"{machine}_{name}")
+            port = [each.name for each in ports.STATUSES].index(f"{machine}_{name}")
+            assert out[port] == truth[place]
