@@ -31,12 +31,12 @@ address: Any = intrinsic(_place)
 
 
 class Lanes:
-    """Instructions on vectors of eight values, of which the first ``count`` (int64) matter."""
+    """Instructions on vectors of eight values, of which the first ``count`` (int64; None: all) matter."""
 
     def __init__(self, builder: Any, count: Any) -> None:
         self.builder = builder
         numbers = ir.Constant(WORDS, list(range(LANES)))
-        self.mask = builder.icmp_signed("<", numbers, self.splat(count))
+        self.mask = None if count is None else builder.icmp_signed("<", numbers, self.splat(count))
 
     def splat(self, value: Any) -> Any:
         """Return a vector of one value in all lanes."""
@@ -55,6 +55,8 @@ class Lanes:
     def load(self, place: Any, kind: Any) -> Any:
         """Return what lies at an address (int64), zero in lanes that do not matter."""
         pointer = self.builder.inttoptr(place, kind.as_pointer())
+        if self.mask is None:
+            return self.builder.load(pointer, align=8)
         name = f"llvm.masked.load.v{LANES}{'f64' if kind == DOUBLES else 'i64'}.p0"
         align = ir.Constant(LANE, 8)
         return self.function(name, kind, pointer, align, self.mask, ir.Constant(kind, None))
@@ -62,6 +64,9 @@ class Lanes:
     def store(self, value: Any, place: Any) -> None:
         """Write to an address (int64) the lanes that matter."""
         pointer = self.builder.inttoptr(place, value.type.as_pointer())
+        if self.mask is None:
+            self.builder.store(value, pointer, align=8)
+            return
         name = f"llvm.masked.store.v{LANES}{'f64' if value.type == DOUBLES else 'i64'}.p0"
         self.function(name, ir.VoidType(), value, pointer, ir.Constant(LANE, 8), self.mask)
 
@@ -72,7 +77,9 @@ class Lanes:
     def counted(self, bits: Any) -> Any:
         """Return, as int64, in how many lanes a condition holds."""
         builder = self.builder
-        byte = builder.bitcast(builder.and_(bits, self.mask), ir.IntType(LANES))
+        if self.mask is not None:
+            bits = builder.and_(bits, self.mask)
+        byte = builder.bitcast(bits, ir.IntType(LANES))
         return builder.ctpop(builder.zext(byte, WORD))
 
 
@@ -88,6 +95,31 @@ def repeat(builder: Any, head: Any) -> None:
     loop = ir.values.MDValue(module, [disable], name=str(len(module.metadata)))
     loop.operands = (loop, disable)
     builder.branch(head).set_metadata("llvm.loop", loop)
+
+
+def stretch(builder: Any, count: Any, body: Any) -> None:
+    """Emit code for ``count`` (int64) values: ``body(lanes, done)``, whole vectors, then what is left."""
+    step = ir.Constant(WORD, LANES)
+    entry = builder.block
+    head, inside, after = (builder.append_basic_block(name) for name in ("head", "whole", "after"))
+    rest, end = (builder.append_basic_block(name) for name in ("rest", "end"))
+    builder.branch(head)
+    builder.position_at_end(head)
+    done = builder.phi(WORD)
+    done.add_incoming(ir.Constant(WORD, 0), entry)
+    further = builder.add(done, step)
+    builder.cbranch(builder.icmp_signed("<=", further, count), inside, after)
+    builder.position_at_end(inside)
+    body(Lanes(builder, None), done)
+    done.add_incoming(further, builder.block)
+    repeat(builder, head)
+    builder.position_at_end(after)
+    left = builder.sub(count, done)
+    builder.cbranch(builder.icmp_signed(">", left, ir.Constant(WORD, 0)), rest, end)
+    builder.position_at_end(rest)
+    body(Lanes(builder, left), done)
+    builder.branch(end)
+    builder.position_at_end(end)
 
 
 def blocks(builder: Any, count: Any, body: Any) -> None:

@@ -12,7 +12,7 @@ from numba.core import cgutils as untyped_cgutils
 from numba.core import types
 from numba.extending import intrinsic, overload
 
-from hev_can_emu.vector_code import DOUBLES, WORD, Lanes, address, blocks
+from hev_can_emu.vector_code import DOUBLES, WORD, address, stretch
 
 cgutils: Any = untyped_cgutils
 
@@ -23,12 +23,11 @@ def _make_moved(typing_context: Any, source: Any, target: Any, count: Any) -> An
     def emit(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         source, target, count = arguments
 
-        def body(done: Any, left: Any) -> None:
-            lanes = Lanes(builder, left)
+        def body(lanes: Any, done: Any) -> None:
             at = builder.shl(done, ir.Constant(WORD, 3))
             lanes.store(lanes.load(builder.add(source, at), DOUBLES), builder.add(target, at))
 
-        blocks(builder, count, body)
+        stretch(builder, count, body)
         return context.get_dummy_value()
 
     return types.void(*[types.intp] * 3), emit
@@ -41,14 +40,13 @@ def _make_differing(typing_context: Any, first: Any, second: Any, count: Any) ->
         first, second, count = arguments
         total = cgutils.alloca_once_value(builder, ir.Constant(WORD, 0))
 
-        def body(done: Any, left: Any) -> None:
-            lanes = Lanes(builder, left)
+        def body(lanes: Any, done: Any) -> None:
             at = builder.shl(done, ir.Constant(WORD, 3))
             one, other = (lanes.load(builder.add(each, at), DOUBLES) for each in (first, second))
             found = lanes.counted(builder.fcmp_unordered("!=", one, other))
             builder.store(builder.add(builder.load(total), found), total)
 
-        blocks(builder, count, body)
+        stretch(builder, count, body)
         return builder.load(total)
 
     return types.int64(*[types.intp] * 3), emit
@@ -61,12 +59,11 @@ def _filled(value_type: Any) -> Any:
         def emit(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             target, count, value = arguments
 
-            def body(done: Any, left: Any) -> None:
-                lanes = Lanes(builder, left)
+            def body(lanes: Any, done: Any) -> None:
                 at = builder.shl(done, ir.Constant(WORD, 3))
                 lanes.store(lanes.splat(value), builder.add(target, at))
 
-            blocks(builder, count, body)
+            stretch(builder, count, body)
             return context.get_dummy_value()
 
         return types.void(types.intp, types.intp, value_type), emit
