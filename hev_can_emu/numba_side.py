@@ -20,7 +20,7 @@ from numba.core import types as untyped_types
 from numba.extending import intrinsic
 from numba.np import arrayobj
 
-from hev_can_emu import numba_indices
+from hev_can_emu import numba_indices, numba_stores
 
 # Its attributes are made at run time, out of a type checker's sight.
 numba_config: Any = numba.core.config
@@ -38,6 +38,7 @@ UNCOUNTED = {"_nrt": False} if hasattr(numba.core.options.DefaultOptions, "_nrt"
 
 
 numba_indices.install()
+numba_stores.install()
 
 
 class KernelLocator(locators.UserProvidedCacheLocator):  # type: ignore[misc]

@@ -27,7 +27,17 @@ def _place(typing_context: Any, array: Any) -> Any:
     return types.intp(array), emit
 
 
+def _multiply_add(typing_context: Any, a: Any, b: Any, c: Any) -> Any:
+    """Return ``a * b + c`` with one rounding."""
+
+    def emit(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.fma(*arguments)
+
+    return types.float64(*[types.float64] * 3), emit
+
+
 address: Any = intrinsic(_place)
+fused: Any = intrinsic(_multiply_add)
 
 
 class Lanes:

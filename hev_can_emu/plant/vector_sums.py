@@ -44,26 +44,24 @@ def vector_sums(width: int, vectors: int) -> Any:
                 mask = ir.Constant(ir.VectorType(ir.IntType(32), width), [0] * width)
                 return builder.shuffle_vector(one, ir.Constant(vector, ir.Undefined), mask)
 
-            def products(j: Any, step: int) -> list[Any]:
-                """Return what ``step`` columns from ``j`` on add to each vector."""
-                factors = [splat(builder.add(j, constant(k))) for k in range(step)]
-                columns = [
-                    builder.gep(data, [builder.mul(builder.add(j, constant(k)), count)])
-                    for k in range(step)
-                ]  # fmt: skip
-                added = []
-                for v in range(vectors):
-                    terms = [
-                        builder.fmul(builder.load(vector_at(column, v * width), align=8), factor)
-                        for column, factor in zip(columns, factors, strict=True)
-                    ]
-                    while len(terms) > 1:
-                        terms = [
-                            builder.fadd(first, second)
-                            for first, second in zip(terms[::2], terms[1::2], strict=True)
-                        ]
-                    added.append(terms[0])
-                return added
+            def fused(first: Any, second: Any, third: Any) -> Any:
+                name = f"llvm.fma.v{width}f64"
+                kind = ir.FunctionType(vector, [vector] * 3)
+                known = builder.module.globals.get(name)
+                function = known or ir.Function(builder.module, kind, name)
+                return builder.call(function, [first, second, third])
+
+            def added(j: Any, step: int, before: list[Any]) -> list[Any]:
+                """Return the sums with ``step`` more columns, in turn to the first and second half."""
+                totals = list(before)
+                for k in range(step):
+                    place = builder.add(j, constant(k))
+                    factor, column = splat(place), builder.gep(data, [builder.mul(place, count)])
+                    for v in range(vectors):
+                        value = builder.load(vector_at(column, v * width), align=8)
+                        to = v + (k % 2) * vectors
+                        totals[to] = fused(value, factor, totals[to])
+                return totals
 
             def loop(begin: Any, end: Any, step: int, sums: list[Any]) -> list[Any]:
                 entry = builder.block
@@ -73,13 +71,10 @@ def vector_sums(width: int, vectors: int) -> Any:
                 builder.branch(head)
                 builder.position_at_end(head)
                 j = builder.phi(integer)
-                kept = [builder.phi(vector) for _ in range(vectors)]
+                kept = [builder.phi(vector) for _ in sums]
                 builder.cbranch(builder.icmp_signed("<", j, end), body, after)
                 builder.position_at_end(body)
-                new = [
-                    builder.fadd(old, more)
-                    for old, more in zip(kept, products(j, step), strict=True)
-                ]
+                new = added(j, step, kept)
                 further = builder.add(j, constant(step))
                 repeat(builder, head)
                 for phi, first, second in [(j, begin, further), *zip(kept, sums, new, strict=True)]:
@@ -90,9 +85,10 @@ def vector_sums(width: int, vectors: int) -> Any:
 
             zero = ir.Constant(vector, [0.0] * width)
             whole = builder.and_(nz, constant(-4))
-            totals = loop(constant(0), whole, 4, [zero] * vectors)
+            totals = loop(constant(0), whole, 4, [zero] * (2 * vectors))
             totals = loop(whole, nz, 1, totals)
-            for v, total in enumerate(totals):
+            for v in range(vectors):
+                total = builder.fadd(totals[v], totals[v + vectors])
                 builder.store(total, vector_at(result, v * width), align=8)
             return context.get_dummy_value()
 

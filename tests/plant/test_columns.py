@@ -1,5 +1,7 @@
 """The vector sums against the plain order of additions, bit for bit, and their place in memory."""
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 
@@ -8,17 +10,19 @@ from hev_can_emu.plant.motion import all_rows, combine
 
 
 def in_order(matrix, x):
-    """Four products at a time, then what is left one by one: the order that the page promises."""
+    """In turn to one sum and the other, what is left to the first: the order that the page promises.
+
+    Each product is added exactly, and rounded once.
+    """
     columns, count = matrix.shape
     totals = []
     for i in range(count):
-        total = 0.0
-        for j in range(0, columns - 3, 4):
-            a, b, c, d = (float(matrix[j + k, i]) * float(x[j + k]) for k in range(4))
-            total += (a + b) + (c + d)
-        for j in range(columns - columns % 4, columns):
-            total += float(matrix[j, i]) * float(x[j])
-        totals.append(total)
+        sums = [0.0, 0.0]
+        for j in range(columns):
+            to = j % 2 if j < columns - columns % 4 else 0
+            exact = Fraction(float(matrix[j, i])) * Fraction(float(x[j])) + Fraction(sums[to])
+            sums[to] = float(exact)
+        totals.append(sums[0] + sums[1])
     return totals
 
 
