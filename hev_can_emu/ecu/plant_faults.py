@@ -68,6 +68,7 @@ _REASON = np.array(
 _STATE = np.array([ports.S_ENGINE_STATE, ports.S_EM1_STATE, ports.S_EM2_STATE])
 _FAULT_STATE = np.array([4.0, 6.0, 6.0])
 _AVAILABLE = np.array([ports.S_ENGINE_TORQUE_MAX, ports.S_EM1_TORQUE_MAX, ports.S_EM2_TORQUE_MAX])
+_LEAST = np.array([ports.S_ENGINE_TORQUE_MIN, ports.S_EM1_TORQUE_MIN, ports.S_EM2_TORQUE_MIN])
 
 
 @inner_kernel
@@ -263,8 +264,7 @@ def fault_statuses(faults: FaultTable, health: Array, statuses: Array) -> None:
         if share < 1.0:
             statuses[_AVAILABLE[machine]] = max(statuses[_AVAILABLE[machine]], 0.0) * share
             if machine != ENGINE:
-                # Upper bound, then lower, in the ports' order.
-                statuses[_AVAILABLE[machine] + 1] *= share
+                statuses[_LEAST[machine]] *= share
     if not math.isnan(health[CLUTCH_WANTED]):
         statuses[ports.S_CLUTCH_CAPACITY_SETPOINT] = health[CLUTCH_WANTED]
     if not math.isnan(health[BRAKE_WANTED]):
