@@ -3,7 +3,7 @@
 A *request* is what a unit receives; a *status* is what a unit sends.  Bindings
 (:mod:`hev_can_emu.ecu.bindings`) tie DBC signals to these by name.  In the tick both are float64
 vectors; NaN means "not available".  The constants below are the vectors' indices: kernels use
-``request[EM2_TORQUE_REQUEST]``; requests of one unit lie together, and statuses that copy the plant's truth as
+``request[EM2_TORQUE_REQUEST]``; requests of one unit lie together, and statuses that copy the truth as
 that lies, else their order is free to change.
 """
 
