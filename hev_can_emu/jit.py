@@ -85,9 +85,11 @@ def cache_folder(module: str) -> Path:
     sources, digests = _sources()
     folder = cache_home() / module / (digests.get(module) or sources.digest(module))
     with contextlib.suppress(OSError):  # Numba says so where it cannot write
-        folder.mkdir(parents=True, exist_ok=True)
-        os.utime(folder)
-    _remove_old(folder)
+        try:
+            os.utime(folder)
+        except FileNotFoundError:
+            folder.mkdir(parents=True, exist_ok=True)
+            _remove_old(folder)
     return folder
 
 
@@ -149,7 +151,10 @@ class Kernel:
     """
 
     def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
-        functools.update_wrapper(self, function)
+        # As functools.update_wrapper does, in a fifth of the time.
+        self.__module__, self.__doc__ = function.__module__, function.__doc__
+        self.__name__, self.__qualname__ = function.__name__, function.__qualname__
+        self.__wrapped__ = function
         self.py_func = function
         self._options = options
         self._dispatcher: Any = None

@@ -1,6 +1,7 @@
-"""What a network consists of: frozen records of messages and signals, independent of any file format."""
+"""What a network consists of: frozen records of messages and signals, independent of any file format.
 
-from __future__ import annotations
+Annotations are evaluated where they stand: msgspec takes three times as long to evaluate each as a text.
+"""
 
 import enum
 

@@ -1,6 +1,7 @@
-"""The declaration of a message's protection, as a record that a DBC or a file beside it fills."""
+"""The declaration of a message's protection, as a record that a DBC or a file beside it fills.
 
-from __future__ import annotations
+Annotations are evaluated where they stand, as in :mod:`.definitions`.
+"""
 
 from typing import Literal
 

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from hev_can_emu.ecu.transmission_unit import TransmissionUnit, build_unit
-from hev_can_emu.plant import detailed_layout, powertrain
+from hev_can_emu.plant import powertrain
 from hev_can_emu.plant.start import Start
 from hev_can_emu.runtime.kept import kept
 from hev_can_emu.runtime.setup import Setup, load_car, vehicle_path
 
 if TYPE_CHECKING:
+    from hev_can_emu.ecu.transmission_unit import TransmissionUnit
     from hev_can_emu.plant.detailed_parameters import Effects
     from hev_can_emu.plant.ledger import Ledger
     from hev_can_emu.plant.machines import Machines
@@ -60,6 +60,8 @@ class Car:
         self.unit: TransmissionUnit | None = None
         self._key = b""
         if setup.model == "detailed":
+            from hev_can_emu.plant import detailed_layout
+
             traits = self._build(setup, effects)
             self.work = detailed_layout.WORK
         else:
@@ -72,6 +74,7 @@ class Car:
 
     def _build(self, setup: Setup, effects: Effects | None) -> _Traits:
         from hev_can_emu.ecu.transmission_file import transmission_tuning
+        from hev_can_emu.ecu.transmission_unit import build_unit
         from hev_can_emu.plant.detailed_assembly import build_detailed
         from hev_can_emu.plant.vehicle_file import finer_parameters
 

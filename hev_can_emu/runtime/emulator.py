@@ -14,7 +14,6 @@ from hev_can_emu.ecu import (
     ports,
     reporting,
     supervision,
-    transmission_unit,
 )
 from hev_can_emu.ecu.fault_rows import Network
 from hev_can_emu.ecu.faults import BUS_FAULTS, Fault
@@ -239,12 +238,16 @@ class Emulator:
         state.scalars[tick.CALM_NS] = -1
         with uncompiled():
             control.start_units(state.unit_state, ready)
-            transmission_unit.start_unit(state.transmission)
             reset_restbus(constants.restbus, state.transmit, 0)
             state.wake[:] = new_wake(len(self.database.messages))
             reset_receive(constants.codec, state.receive)
             supervision.reset_supervision(state.supervision)
             reset_codes(state.codes)
+        if constants.unit is not None:
+            from hev_can_emu.ecu.transmission_unit import start_unit
+
+            with uncompiled():
+                start_unit(state.transmission)
         state.scalars[tick.OPERATING] = 1 if ready else 0
         inputs = {
             ports.ACCELERATOR: 0.0,

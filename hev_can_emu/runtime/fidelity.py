@@ -10,10 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from hev_can_emu.ecu.transmission_unit import TransmissionUnit, tell_shift, transmission_step
 from hev_can_emu.jit import before_compiling, small_kernel
-from hev_can_emu.plant.detailed import detailed_step
-from hev_can_emu.plant.detailed_layout import DetailedPlant
 from hev_can_emu.plant.powertrain import Plant, plant_step
 
 Array = npt.NDArray[np.float64]
@@ -30,18 +27,6 @@ def advance_simple(
     return plant_step(plant, x, n, command, truth, work, t_ns, events, n_events)
 
 
-@small_kernel
-def advance_detailed(
-    plant: DetailedPlant, unit: TransmissionUnit, transmission: Array, x: Array, n: Integers,
-    command: Array, truth: Array, work: Array, t_ns: int, events: Events, n_events: int,
-) -> int:  # fmt: skip
-    """Let the TCU work its valves, then advance the detailed plant by one tick."""
-    transmission_step(unit, transmission, truth, command)
-    n_events = detailed_step(plant, x, n, command, truth, work, t_ns, events, n_events)
-    tell_shift(transmission, truth)
-    return n_events
-
-
 def advance_plant(
     plant: Any, unit: Any, transmission: Array, x: Array, n: Integers, command: Array,
     truth: Array, work: Array, t_ns: int, events: Events, n_events: int,
@@ -53,11 +38,18 @@ def advance_plant(
         unit: TCU of the detailed plant, or None; ``transmission`` is its state.
         x, n, command, truth, work, t_ns, events, n_events: as :func:`.powertrain.plant_step`.
     """
-    chosen: Any = advance_detailed if isinstance(plant, DetailedPlant) else advance_simple
+    chosen: Any = advance_simple if isinstance(plant, Plant) else _advance_detailed()
     advanced: int = chosen(
         plant, unit, transmission, x, n, command, truth, work, t_ns, events, n_events
     )
     return advanced
+
+
+def _advance_detailed() -> Any:
+    # Imported where it is asked for: most runs have a simpler plant.
+    from hev_can_emu.runtime.detailed_fidelity import advance_detailed
+
+    return advance_detailed
 
 
 def _advance_compiled(
@@ -65,7 +57,7 @@ def _advance_compiled(
     truth: Any, work: Any, t_ns: Any, events: Any, n_events: Any,
 ) -> Any:  # fmt: skip
     # The same, when the tick is compiled.
-    kernel_of: Any = advance_detailed if plant.instance_class is DetailedPlant else advance_simple
+    kernel_of: Any = advance_simple if plant.instance_class is Plant else _advance_detailed()
 
     def advance(
         plant: Any, unit: Any, transmission: Any, x: Any, n: Any, command: Any,

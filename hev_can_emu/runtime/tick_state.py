@@ -12,7 +12,6 @@ from hev_can_emu.ecu import (
     ports,
     reasons,
     supervision,
-    transmission_unit,
 )
 from hev_can_emu.ecu.fault_table import FaultTable
 from hev_can_emu.ecu.frame_faults import HELD_FRAMES
@@ -48,6 +47,9 @@ def allocate(
         room = tick.faulty_room(messages)
     signals = constants.codec.signals.shape[0]
     nodes = len(constants.follows_ignition)
+    tcu_state = 0
+    if constants.unit is not None:
+        from hev_can_emu.ecu.transmission_unit import N_STATE as tcu_state
     i8, f8, u1 = np.dtype(np.int64), np.dtype(np.float64), np.dtype(np.uint8)
     layout: dict[str, tuple[np.dtype[np.generic], tuple[int, ...]]] = {
         "scalars": (i8, (tick.N_SCALARS,)),
@@ -73,7 +75,7 @@ def allocate(
         "sensed": (f8, (len(constants.sensors.port),)),
         "health": (f8, (plant_faults.N_HEALTH,)),
         "unit_state": (f8, (control.N_STATE,)),
-        "transmission": (f8, (transmission_unit.N_STATE,)),
+        "transmission": (f8, (tcu_state,)),
         "values": (f8, (signals,)),
         "encoded": (f8, (signals,)),
         "on_bus": (f8, (signals,)),
