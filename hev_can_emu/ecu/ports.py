@@ -127,6 +127,10 @@ STATUSES: tuple[Port, ...] = (
     Port("wheel_speed_rr", "m/s", "rear right"),
     Port("driving_mode", "1", "MODE_* code"),
     Port("clutch_temperature", "K", "plate temperature"),
+    Port(
+        "requests_failed", "1", "number of received request messages that are timed out or refused"
+    ),
+    Port("rejected_frames", "1", "frames refused by protection since the start, modulo 65536"),
     Port("engine_torque_echo", "N m", "torque request as received"),
     Port("engine_request_status", "1", "REQUEST_* code of HCU_EngineRequest"),
     Port("engine_run_echo", "1", "run request as received"),
@@ -157,10 +161,6 @@ STATUSES: tuple[Port, ...] = (
     Port("driver_selector", "1", "0 P, 1 R, 2 N, 3 D"),
     Port("driver_ignition", "1", "0 off, 1 accessory, 2 on, 3 start"),
     Port("faults_active", "1", "number of injected faults active"),
-    Port(
-        "requests_failed", "1", "number of received request messages that are timed out or refused"
-    ),
-    Port("rejected_frames", "1", "frames refused by protection since the start, modulo 65536"),
     Port("plant_model", "1", "0 4dof, 1 16dof, 2 detailed"),
     Port("trouble_codes_active", "1", "number of trouble codes whose test fails now"),
     Port("trouble_codes_confirmed", "1", "number of confirmed trouble codes"),
@@ -269,38 +269,38 @@ S_AMBIENT_TEMPERATURE_ACTUAL = 58
 S_WHEEL_SPEED_RR = 59
 S_DRIVING_MODE = 60
 S_CLUTCH_TEMPERATURE = 61
-S_ENGINE_TORQUE_ECHO = 62
-S_ENGINE_REQUEST_STATUS = 63
-S_ENGINE_RUN_ECHO = 64
-S_EM1_TORQUE_ECHO = 65
-S_EM1_SPEED_ECHO = 66
-S_EM1_STATE = 67
-S_EM1_REQUEST_STATUS = 68
-S_EM1_MODE_ECHO = 69
-S_EM1_DC_CURRENT = 70
-S_EM2_TORQUE_ECHO = 71
-S_EM2_SPEED_ECHO = 72
-S_EM2_STATE = 73
-S_EM2_REQUEST_STATUS = 74
-S_EM2_MODE_ECHO = 75
-S_EM2_DC_VOLTAGE = 76
-S_EM2_DC_CURRENT = 77
-S_CLUTCH_CAPACITY_ECHO = 78
-S_CLUTCH_REQUEST_STATUS = 79
-S_GEAR_ECHO = 80
-S_SHIFT_FORCE_ECHO = 81
-S_SYNCHRONIZER_REQUEST_STATUS = 82
-S_BRAKE_TORQUE_ECHO = 83
-S_BRAKE_REQUEST_STATUS = 84
-S_CONTACTOR_ECHO = 85
-S_HV_REQUEST_STATUS = 86
-S_DRIVER_ACCELERATOR = 87
-S_DRIVER_BRAKE = 88
-S_DRIVER_SELECTOR = 89
-S_DRIVER_IGNITION = 90
-S_FAULTS_ACTIVE = 91
-S_REQUESTS_FAILED = 92
-S_REJECTED_FRAMES = 93
+S_REQUESTS_FAILED = 62
+S_REJECTED_FRAMES = 63
+S_ENGINE_TORQUE_ECHO = 64
+S_ENGINE_REQUEST_STATUS = 65
+S_ENGINE_RUN_ECHO = 66
+S_EM1_TORQUE_ECHO = 67
+S_EM1_SPEED_ECHO = 68
+S_EM1_STATE = 69
+S_EM1_REQUEST_STATUS = 70
+S_EM1_MODE_ECHO = 71
+S_EM1_DC_CURRENT = 72
+S_EM2_TORQUE_ECHO = 73
+S_EM2_SPEED_ECHO = 74
+S_EM2_STATE = 75
+S_EM2_REQUEST_STATUS = 76
+S_EM2_MODE_ECHO = 77
+S_EM2_DC_VOLTAGE = 78
+S_EM2_DC_CURRENT = 79
+S_CLUTCH_CAPACITY_ECHO = 80
+S_CLUTCH_REQUEST_STATUS = 81
+S_GEAR_ECHO = 82
+S_SHIFT_FORCE_ECHO = 83
+S_SYNCHRONIZER_REQUEST_STATUS = 84
+S_BRAKE_TORQUE_ECHO = 85
+S_BRAKE_REQUEST_STATUS = 86
+S_CONTACTOR_ECHO = 87
+S_HV_REQUEST_STATUS = 88
+S_DRIVER_ACCELERATOR = 89
+S_DRIVER_BRAKE = 90
+S_DRIVER_SELECTOR = 91
+S_DRIVER_IGNITION = 92
+S_FAULTS_ACTIVE = 93
 S_PLANT_MODEL = 94
 S_TROUBLE_CODES_ACTIVE = 95
 S_TROUBLE_CODES_CONFIRMED = 96

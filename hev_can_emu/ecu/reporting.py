@@ -9,6 +9,7 @@ from hev_can_emu.ecu import ports
 from hev_can_emu.jit import inlined_kernel, kernel
 from hev_can_emu.moves import move
 from hev_can_emu.plant import powertrain as plant
+from hev_can_emu.plant.columns import filled_up
 
 Array = npt.NDArray[np.float64]
 
@@ -114,7 +115,7 @@ _LIMITED: tuple[tuple[int, int], ...] = (
     (ports.S_SYNCHRONIZER_LIMIT_REASON, ports.SHIFT_FORCE_REQUEST),
     (ports.S_BRAKE_LIMIT_REASON, ports.BRAKE_TORQUE_REQUEST),
 )
-_COPIED = 1 + max(place for place, _ in COPIES)
+_COPIED = filled_up(1 + max(place for place, _ in COPIES))  # whole vectors
 ECHOES = np.array(_ECHOES, dtype=np.int64)
 LOST_REASONS = np.array(_LOST, dtype=np.int64)
 LIMITED_REASONS = np.array(_LIMITED, dtype=np.int64)

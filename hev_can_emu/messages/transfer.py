@@ -64,6 +64,7 @@ from hev_can_emu.messages.restbus import (
     wake_at,
 )
 from hev_can_emu.messages.word_protection import G_ON, protect_word
+from hev_can_emu.moves import fill_integers
 
 # Columns of the receive state, X_COLUMNS per message.
 X_COUNTER = 0  # last protection counter taken, NEVER before
@@ -123,8 +124,7 @@ def write_frame(
     row = codec.messages[message]
     data = frames[i]["data"]
     words = data.view(np.uint64)
-    for n in range(8):
-        words[n] = np.uint64(0)
+    fill_integers(words, 0, 8, 0)
     saturated: Any = np.int64(0)
     unusual: Any = np.int64(1)
     quick = row[M_QUICK] != 0

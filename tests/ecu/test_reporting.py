@@ -117,6 +117,10 @@ def test_every_copy_is_where_the_truth_has_it() -> None:
     for status, place in reporting.COPIES:
         if status not in limits:
             assert out[status] == truth[place]
+    # What lies between them, and up to a whole vector, is written after.
+    assert out[ports.S_REQUESTS_FAILED] == 2
+    assert out[ports.S_REJECTED_FRAMES] == 4
+    assert out[ports.S_DRIVING_MODE] in range(7)
     assert out[ports.S_EM2_DC_VOLTAGE] == truth[plant.Y_LINK_VOLTAGE]
     for name in ("speed", "torque", "torque_min", "torque_max", "inverter_temperature"):
         for machine in ("em1", "em2"):
