@@ -49,8 +49,10 @@ class Bank(NamedTuple):
             integral of every port's and lock's speed over the step; with dampers, then every
             branch's rate half way through the step.
         held_torque: shape (r, m, nx+nu), rows giving each held lock's friction torque.
-        held_columns: shape (r, 1, nx+nu, m+1), the last two filled up likewise: the same
-            stored by columns, for all locks at once; last of all the body's angular acceleration.
+        held_columns: shape (r, k, m+1), the last filled up to a whole vector: the same for all locks at once,
+            and after them the body's angular acceleration; only the columns that are not zero.
+        held_places: shape (r, k), which of the nx+nu values each of these columns belongs to.
+        held_counts: shape (r,), how many there are, filled up to an even number.
         project: shape (r, n, n), speeds onto the configuration, momentum kept.
         remap: shape (6, 6, q, q), twists when the driving configuration changes.
         stiffness: shape (6, q, q), elastic energy is ``q' K q / 2``.
@@ -66,6 +68,8 @@ class Bank(NamedTuple):
     flow: Array
     held_torque: Array
     held_columns: Array
+    held_places: Integers
+    held_counts: Integers
     project: Array
     remap: Array
     stiffness: Array
@@ -217,9 +221,9 @@ def build_bank(
                 held_torque[row, held] = _held_torques(variant, configuration, held)
                 # A held lock's own friction input is the result, not a cause.
                 held_torque[row][:, [nx + ports + lock for lock in held]] = 0.0
-    columns = aligned(count, 1, filled_up(nx + nu, COLUMNS), filled_up(m + 1))
-    columns[:, 0, : nx + nu, :m] = np.swapaxes(held_torque, 1, 2)
-    columns[:, 0, : nx + nu, m] = body_rate
+    held_columns, held_places, held_counts = few_columns(
+        np.concatenate([held_torque, body_rate[:, np.newaxis]], axis=1)
+    )
     basis = structure.basis
     places, factors = sparse_rows(np.vstack([structure.ports, structure.locks]))
     return Bank(
@@ -227,7 +231,9 @@ def build_bank(
         levels=levels,
         flow=flow,
         held_torque=held_torque,
-        held_columns=columns,
+        held_columns=held_columns,
+        held_places=held_places,
+        held_counts=held_counts,
         project=project,
         remap=np.ascontiguousarray(structure.twist_remap),
         stiffness=np.ascontiguousarray(basis.T @ structure.stiffness @ basis),
@@ -243,6 +249,21 @@ def columns_of(rows: Array) -> Array:
     columns = aligned(rows.shape[1], filled_up(rows.shape[0]))
     columns[:, : rows.shape[0]] = rows.T
     return columns
+
+
+def few_columns(matrices: Array) -> tuple[Array, Integers, Integers]:
+    """Return of matrices, shape (r, rows, columns), the columns that are not zero, places and counts.
+
+    See the bank's ``held_columns`` and those that follow.
+    """
+    found = [np.flatnonzero(matrix.any(axis=0)) for matrix in matrices]
+    counts = np.array([filled_up(len(each), 2) for each in found])
+    columns = aligned(len(matrices), int(counts.max()), filled_up(matrices.shape[1]))
+    places = np.zeros(columns.shape[:2], dtype=np.int64)
+    for row, (matrix, taken) in enumerate(zip(matrices, found, strict=True)):
+        columns[row, : len(taken), : len(matrix)] = matrix[:, taken].T
+        places[row, : len(taken)] = taken
+    return columns, places, counts
 
 
 def sparse_rows(rows: Array) -> tuple[Integers, Array]:

@@ -22,6 +22,7 @@ import numpy.typing as npt
 from hev_can_emu.jit import BOUNDS_CHECKED, JIT_DISABLED, before_compiling, counting_kernel
 
 Array = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
 
 WIDTH = 8  #: values that are loaded at once
 CACHE_LINE = 8 * WIDTH  #: bytes
@@ -83,6 +84,43 @@ def _checked(matrix: Array, start: int, count: int, x: Array, nz: int, out: Arra
         out[i] = first + second
 
 
+def few_columns_times(
+    matrix: Array, start: int, places: Integers, at: int, n: int, x: Array, out: Array
+) -> None:
+    """``out = M x`` where M has few columns that are not zero, of :data:`WIDTH` values each.
+
+    As :func:`columns_times`, but of each two columns, one goes to each sum.
+
+    Args:
+        matrix: of any shape, contiguous; the columns are stored from its ``start``-th value on.
+        start: see above.
+        places: of any shape, contiguous: from its ``at``-th value on, which value of ``x`` a column belongs to.
+        at: see above.
+        n: number of columns, even.
+        x: the values.
+        out: at least ``WIDTH`` values.
+    """
+    columns = matrix.ravel()[start : start + n * WIDTH].reshape(n, WIDTH)
+    taken = places.ravel()[at : at + n]
+    sums = np.zeros((2, WIDTH))
+    for j in range(n):
+        sums[j % 2] = _fused()(columns[j], x[taken[j]], sums[j % 2])
+    out[:WIDTH] = sums[0] + sums[1]
+
+
+def _few_checked(
+    matrix: Array, start: int, places: Integers, at: int, n: int, x: Array, out: Array
+) -> None:
+    """As :func:`few_columns_times`, in loops whose bounds Numba checks."""
+    flat, taken = matrix.ravel(), places.ravel()
+    for i in range(WIDTH):
+        first = second = 0.0
+        for j in range(0, n, 2):
+            first = fused(flat[start + j * WIDTH + i], x[taken[at + j]], first)
+            second = fused(flat[start + (j + 1) * WIDTH + i], x[taken[at + j + 1]], second)
+        out[i] = first + second
+
+
 def _compile_vectors() -> None:
     import hev_can_emu.plant.vector_sums  # noqa: F401
 
@@ -91,5 +129,6 @@ if BOUNDS_CHECKED:
     from hev_can_emu.vector_code import fused
 
     columns_times = counting_kernel(_checked)
+    few_columns_times = counting_kernel(_few_checked)
 elif not JIT_DISABLED:
     before_compiling(_compile_vectors)

@@ -44,7 +44,7 @@ from hev_can_emu.plant.holding import (
     slide,
     try_to_hold,
 )
-from hev_can_emu.plant.motion import all_rows, combine, held_torque, row_speed
+from hev_can_emu.plant.motion import all_rows, combine, combine_few, held_torque, row_speed
 from hev_can_emu.plant.structure import ENGINE, G1, G2, N_PORTS
 from hev_can_emu.plant.teeth import Extras
 
@@ -224,7 +224,7 @@ def step(
     _join(x, u, nx, z)
     joined = True
     if holding:
-        combine(bank.held_columns, state[ROW], 0, z, torques)
+        combine_few(bank.held_columns, bank.held_places, bank.held_counts, state[ROW], z, torques)
         if any_overloaded(torques, state, static, books, m, toothed):
             joined = False
             for lock in range(m):
@@ -265,7 +265,7 @@ def step(
                 eventful = True
         if holding:
             _join(after, u, nx, z)
-            combine(bank.held_columns, row, 0, z, torques)
+            combine_few(bank.held_columns, bank.held_places, bank.held_counts, row, z, torques)
             if any_overloaded(torques, state, static, books, m, toothed):
                 eventful = True
         if extras is not None:
@@ -347,13 +347,15 @@ def look(bank: Bank, x: Array, state: Integers, u: Array, seen: Array) -> None:
     from ``CARRIED`` on each lock's friction torque, held or sliding, N m on its first side, then the body's
     angular acceleration, rad/s^2.  Right after :func:`step` it is that one's scratch.
     """
-    nu, nz = u.shape[0], bank.held_columns.shape[2]
+    nu, nz = u.shape[0], bank.flow.shape[2]
     nx, locks = bank.held_torque.shape[2] - nu, nu - N_PORTS
     _join(x, u, nx, seen[:nz])
     if state[SEEN] == 0:
         _see_speeds(bank, x, nx, seen)
     state[SEEN] = 0
-    combine(bank.held_columns, state[ROW], 0, seen, seen[CARRIED:])
+    combine_few(
+        bank.held_columns, bank.held_places, bank.held_counts, state[ROW], seen, seen[CARRIED:]
+    )
     for lock in range(locks):
         if state[HELD + lock] == 0:
             seen[CARRIED + lock] = u[N_PORTS + lock]

@@ -30,7 +30,9 @@ UNRESOLVED = 2 * N_LOCKS + 2  # steps in which events came faster than the ladde
 SIDE = 2 * N_LOCKS + 3  # of the dogs' play at which G1 and G2 are held: -1, +1, or 0
 MESH = 2 * N_LOCKS + 5  # of each mesh with play, the flank that touches, or 0
 MAX_MESHES = 2
-SEEN = MESH + MAX_MESHES  # 1: the speeds that the last step left in its scratch are those of the states
+SEEN = (
+    MESH + MAX_MESHES
+)  # 1: the speeds that the last step left in its scratch are those of the states
 N_INTEGERS = SEEN + 1
 
 LOCKED, RELEASED, REVERSED = 1, 2, 3  #: kinds of driveline events; ``value`` is the held torque

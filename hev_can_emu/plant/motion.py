@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hev_can_emu.jit import small_kernel
-from hev_can_emu.plant.columns import columns_times
+from hev_can_emu.plant.columns import WIDTH, columns_times, few_columns_times
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -57,6 +57,15 @@ def combine(columns: Array, row: int, level: int, z: Array, out: Array) -> None:
     """``out = M z`` with M stored by columns in ``columns[row, level]``; ``out`` takes a whole column."""
     levels, nz, count = columns.shape[1], columns.shape[2], columns.shape[3]
     columns_times(columns, (row * levels + level) * nz * count, count, z, nz, out)
+
+
+@small_kernel
+def combine_few(
+    columns: Array, places: Integers, counts: Integers, row: int, z: Array, out: Array
+) -> None:
+    """``out = M z`` with the columns of M that are not zero in ``columns[row]``, see the bank."""
+    most = places.shape[1]
+    few_columns_times(columns, row * most * WIDTH, places, row * most, counts[row], z, out)
 
 
 @small_kernel

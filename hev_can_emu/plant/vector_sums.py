@@ -13,8 +13,8 @@ from numba.core import types
 from numba.extending import intrinsic, overload
 
 from hev_can_emu.jit import kernel
-from hev_can_emu.plant.columns import WIDTH, columns_times
-from hev_can_emu.vector_code import address, repeat
+from hev_can_emu.plant.columns import WIDTH, columns_times, few_columns_times
+from hev_can_emu.vector_code import DOUBLE, DOUBLES, WORD, Lanes, address, repeat
 
 
 def vector_sums(width: int, vectors: int) -> Any:
@@ -101,6 +101,48 @@ _sums_40, _sums_32, _sums_16, _sums_8 = (vector_sums(WIDTH, n) for n in (5, 4, 2
 _sums_4 = vector_sums(4, 1)
 
 
+def _make_few(typing_context: Any, matrix: Any, places: Any, n: Any, x: Any, out: Any) -> Any:
+    """Sum a few columns of one vector each; all but ``n``, which is even, are addresses."""
+
+    def emit(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        matrix, places, n, x, out = arguments
+        words, doubles = WORD.as_pointer(), DOUBLE.as_pointer()
+        places, values = builder.inttoptr(places, words), builder.inttoptr(x, doubles)
+        entry = builder.block
+        head, body, after = (builder.append_basic_block(name) for name in ("few", "pair", "done"))
+        builder.branch(head)
+        builder.position_at_end(head)
+        j = builder.phi(WORD)
+        sums = [builder.phi(DOUBLES) for _ in range(2)]
+        builder.cbranch(builder.icmp_signed("<", j, n), body, after)
+        builder.position_at_end(body)
+        lanes = Lanes(builder, None)
+        new = []
+        for k, total in enumerate(sums):
+            place = builder.add(j, ir.Constant(WORD, k))
+            taken = builder.load(builder.gep(places, [place]))
+            factor = lanes.splat(builder.load(builder.gep(values, [taken])))
+            at = builder.add(matrix, builder.mul(place, ir.Constant(WORD, 8 * WIDTH)))
+            terms = (lanes.load(at, DOUBLES), factor, total)
+            new.append(lanes.function(f"llvm.fma.v{WIDTH}f64", DOUBLES, *terms))
+        further = builder.add(j, ir.Constant(WORD, 2))
+        repeat(builder, head)
+        zero = ir.Constant(DOUBLES, [0.0] * WIDTH)
+        for phi, first, second in zip(
+            [j, *sums], [ir.Constant(WORD, 0), zero, zero], [further, *new], strict=True
+        ):
+            phi.add_incoming(first, entry)
+            phi.add_incoming(second, body)
+        builder.position_at_end(after)
+        Lanes(builder, None).store(builder.fadd(*sums), out)
+        return context.get_dummy_value()
+
+    return types.void(*[types.intp] * 5), emit
+
+
+_few: Any = intrinsic(_make_few)
+
+
 @kernel
 def _sums(matrix: int, count: int, x: int, nz: int, out: int) -> None:
     i = 0
@@ -118,6 +160,16 @@ def _sums(matrix: int, count: int, x: int, nz: int, out: int) -> None:
         i += 8
     if i + 4 <= count:
         _sums_4(matrix + 8 * i, count, x, nz, out + 8 * i)
+
+
+@overload(few_columns_times, inline="always")
+def _few_columns_times(
+    matrix: Any, start: Any, places: Any, at: Any, n: Any, x: Any, out: Any
+) -> Any:
+    def times(matrix: Any, start: Any, places: Any, at: Any, n: Any, x: Any, out: Any) -> None:
+        _few(address(matrix) + 8 * start, address(places) + 8 * at, n, address(x), address(out))
+
+    return times
 
 
 @overload(columns_times, inline="always")

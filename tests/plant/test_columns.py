@@ -5,8 +5,9 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from hev_can_emu.plant.columns import aligned, columns_times, filled_up
-from hev_can_emu.plant.motion import all_rows, combine
+from hev_can_emu.plant.bank import few_columns
+from hev_can_emu.plant.columns import aligned, columns_times, few_columns_times, filled_up
+from hev_can_emu.plant.motion import all_rows, combine, combine_few
 
 
 def in_order(matrix, x):
@@ -56,3 +57,35 @@ def test_aligned_arrays_begin_at_a_cache_line(shape):
 def test_filled_up_gives_the_next_whole_number():
     assert [filled_up(n) for n in (0, 1, 8, 9)] == [0, 8, 8, 16]
     assert [filled_up(n, 4) for n in (4, 5)] == [4, 8]
+
+
+@pytest.mark.parametrize("n", [0, 2, 6, 20])
+def test_few_columns_are_summed_in_pairs(n):
+    random = np.random.default_rng(n)
+    columns = random.normal(size=(3, 20, 8)) * 10.0 ** random.integers(-9, 9, (3, 20, 8))
+    places = random.integers(0, 44, (3, 20))
+    x = random.normal(size=44)
+    expected = []
+    for i in range(8):
+        sums = [0.0, 0.0]
+        for j in range(n):
+            product = Fraction(float(columns[1, j, i])) * Fraction(float(x[places[1, j]]))
+            sums[j % 2] = float(product + Fraction(sums[j % 2]))
+        expected.append(sums[0] + sums[1])
+    out = np.full(9, 7.0)
+    combine_few(columns, places, np.array([0, n, 0]), 1, x, out)  # compiled
+    assert out.tolist() == [*expected, 7.0]
+    out = np.full(9, 7.0)
+    few_columns_times(columns, 20 * 8, places, 20, n, x, out)  # as written
+    assert out.tolist() == [*expected, 7.0]
+
+
+def test_few_columns_hold_all_that_is_not_zero():
+    random = np.random.default_rng(1)
+    matrices = random.normal(size=(4, 7, 30)) * (random.random((4, 1, 30)) < 0.3)
+    columns, places, counts = few_columns(matrices)
+    assert (counts % 2 == 0).all()
+    for row, matrix in enumerate(matrices):
+        whole = np.zeros((30, 8))
+        np.add.at(whole, places[row, : counts[row]], columns[row, : counts[row]])
+        np.testing.assert_array_equal(whole[:, :7], matrix.T)
