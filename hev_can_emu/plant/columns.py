@@ -94,7 +94,7 @@ def few_columns_times(
     Args:
         matrix: of any shape, contiguous; the columns are stored from its ``start``-th value on.
         start: see above.
-        places: of any shape, contiguous: from its ``at``-th value on, which value of ``x`` a column belongs to.
+        places: of any shape, contiguous; from its ``at``-th value on, which of ``x`` each column goes with.
         at: see above.
         n: number of columns, even.
         x: the values.
