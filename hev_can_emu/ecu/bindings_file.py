@@ -1,6 +1,7 @@
-"""The shape of a bindings file: frozen records that the YAML reader fills; unknown keys are refused."""
+"""The shape of a bindings file: frozen records that the YAML reader fills; unknown keys are refused.
 
-from __future__ import annotations
+Annotations are evaluated where they stand: msgspec takes three times as long to evaluate each as a text.
+"""
 
 from typing import Literal
 

@@ -1,6 +1,7 @@
-"""What a bindings file adds to the DBC: how messages are protected and sent, and constant signals."""
+"""What a bindings file adds to the DBC: how messages are protected and sent, and constant signals.
 
-from __future__ import annotations
+Annotations are evaluated where they stand: msgspec takes three times as long to evaluate each as a text.
+"""
 
 from typing import Literal
 

@@ -1,6 +1,7 @@
-"""The shape of a sensor in a bindings file."""
+"""The shape of a sensor in a bindings file.
 
-from __future__ import annotations
+Annotations are evaluated where they stand: msgspec takes three times as long to evaluate each as a text.
+"""
 
 import msgspec
 

@@ -1,6 +1,7 @@
-"""The shape of supervision in a bindings file; request ports are named as the bindings name them."""
+"""The shape of supervision in a bindings file; request ports are named as the bindings name them.
 
-from __future__ import annotations
+Annotations are evaluated where they stand: msgspec takes three times as long to evaluate each as a text.
+"""
 
 from typing import Annotated, Literal
 

@@ -9,16 +9,15 @@ plain-loop kernel: its bits do not depend on which BLAS a machine has.  It works
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
 import numpy.typing as npt
 
 from hev_can_emu.jit import counting_kernel, kernel
 from hev_can_emu.plant.columns import aligned, filled_up
-from hev_can_emu.plant.linear import held_speeds, state_space
 from hev_can_emu.plant.structure import (
     LOCKS,
     N_CONFIGURATIONS,
@@ -186,6 +185,9 @@ def build_bank(
         open_branches: branches whose teeth may part: configuration ``row + base*mask`` is ``row``
             without those whose bit is set in ``mask``, ``base`` being the number without any.
     """
+    # Building alone needs it; most runs find a bank kept.
+    from hev_can_emu.plant.linear import held_speeds, state_space
+
     n, nq = structure.n, structure.nq
     ports, m = structure.ports.shape[0], structure.locks.shape[0]
     nx, nu = n + nq, ports + m
@@ -284,7 +286,7 @@ def without_branches(structure: Structure, branches: Sequence[int]) -> Structure
     for matrix in (stiffness, damping):
         matrix[:, branches, :] = 0.0
         matrix[:, :, branches] = 0.0
-    return dataclasses.replace(structure, stiffness=stiffness, damping=damping)
+    return msgspec.structs.replace(structure, stiffness=stiffness, damping=damping)
 
 
 def _held_torques(structure: Structure, configuration: Configuration, held: list[int]) -> Array:

@@ -8,8 +8,6 @@ part, leave the sum around the loop of half shafts and tyres free.
 
 from __future__ import annotations
 
-import dataclasses
-
 import msgspec
 import numpy as np
 
@@ -55,7 +53,7 @@ def geared(parameters: DrivelineParameters, rear: RearAxle | None) -> Structure:
     full = full_order(parameters)
     if rear is None:
         nb = len(full.branch_names)
-        return dataclasses.replace(
+        return msgspec.structs.replace(
             full,
             model="detailed",
             basis=np.eye(nb),
@@ -77,7 +75,7 @@ def geared(parameters: DrivelineParameters, rear: RearAxle | None) -> Structure:
     locks[-1, -1] = 1.0
     ports = np.zeros((len(full.ports), n))
     ports[:, :-1] = full.ports
-    return dataclasses.replace(
+    return msgspec.structs.replace(
         full,
         model="detailed",
         names=(*full.names, REAR_INERTIA),

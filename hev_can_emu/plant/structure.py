@@ -10,9 +10,9 @@ locks that hold; :class:`Configuration` names the six driving ones.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
 import numpy.typing as npt
 
@@ -120,8 +120,7 @@ def configuration_at(index: int) -> Configuration:
     )
 
 
-@dataclass(frozen=True)
-class Structure:
+class Structure(msgspec.Struct, frozen=True):
     """A driveline's matrices, all locks open.
 
     Attributes:

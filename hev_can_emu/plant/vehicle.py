@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import msgspec
 
 from hev_can_emu.errors import InputError, did_you_mean
 
@@ -40,8 +40,7 @@ SECTIONS: dict[str, tuple[str, ...]] = {
 }
 
 
-@dataclass(frozen=True)
-class DrivelineParameters:
+class DrivelineParameters(msgspec.Struct, frozen=True):
     """What the torsional model needs, in SI.
 
     Attributes:

@@ -8,7 +8,7 @@ plant to t + 1 ms.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -33,7 +33,6 @@ from hev_can_emu.ecu.sensors import Sensors, measure
 from hev_can_emu.ecu.supervision import REFUSED as SUP_REFUSED
 from hev_can_emu.ecu.supervision import begin_cycle, is_taken, take_message, watch
 from hev_can_emu.ecu.ties import ResolvedBindings, message_from_statuses, sent_value
-from hev_can_emu.ecu.transmission_unit import TransmissionUnit
 from hev_can_emu.ecu.trouble_codes import count_codes
 from hev_can_emu.jit import inlined_kernel, inner_kernel, kernel
 from hev_can_emu.messages.codec import Codec, decode, find_message
@@ -45,12 +44,15 @@ from hev_can_emu.messages.restbus import Restbus, awake
 from hev_can_emu.messages.transfer import receive, transmit_these
 from hev_can_emu.moves import fill_integers
 from hev_can_emu.native import Bound
-from hev_can_emu.plant.detailed_layout import DetailedPlant
 from hev_can_emu.plant.events import note
 from hev_can_emu.plant.powertrain import Y_SYNC_PHASE, Plant
 from hev_can_emu.runtime.fidelity import advance_plant
 from hev_can_emu.scenario.script import EVENTS as AWAITED_EVENTS
 from hev_can_emu.scenario.script import GO_ON, Script, mark_events, perform
+
+if TYPE_CHECKING:  # slow to import, and most runs have a simpler plant
+    from hev_can_emu.ecu.transmission_unit import TransmissionUnit
+    from hev_can_emu.plant.detailed_layout import DetailedPlant
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
