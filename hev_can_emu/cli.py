@@ -97,7 +97,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if argv is None:
         # A process of its own: importing the compiler makes half a million objects that stay, and
         # the collector's default would walk them again and again.
-        gc.set_threshold(100_000, 50, 100)
+        gc.set_threshold(400_000, 50, 100)
         # Its matrices are small: threads that stand ready for large ones would cost more than they save.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         atexit.register(gc.freeze)  # the last collection, at the end, would find nothing of use

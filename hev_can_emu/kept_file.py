@@ -10,10 +10,10 @@ from pathlib import Path
 CHECK = 32  #: bytes before the content: its SHA-256
 
 
-def read_kept(path: Path) -> bytes | None:
-    """Return the content of a kept file; None where there is none, or it is damaged."""
+def read_kept(path: Path) -> memoryview | None:
+    """Return the content of a kept file, not copied; None where there is none, or it is damaged."""
     try:
-        whole = path.read_bytes()
+        whole = memoryview(path.read_bytes())
     except OSError:
         return None
     content = whole[CHECK:]

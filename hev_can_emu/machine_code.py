@@ -40,7 +40,7 @@ class Image(NamedTuple):
         places: int64 (2, n), where to add an address, and which one: 0 of the image, i of the i-th need.
     """
 
-    content: bytes
+    content: bytes | memoryview
     fixed: int
     entry: int
     needs: tuple[str, ...]

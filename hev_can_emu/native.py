@@ -328,7 +328,7 @@ def _load(path: Path) -> _Code | None:
     if not all(addresses.values()):
         return None
     if "symbol" in told:
-        return _load_object(content, told["symbol"], addresses)
+        return _load_object(bytes(content), told["symbol"], addresses)
     length = told["length"]
     places = np.frombuffer(content, dtype=np.int64, offset=length).reshape(2, -1)
     image = machine_code.Image(
@@ -358,7 +358,7 @@ def _keep(path: Path, symbol: str, needs: list[str], code: bytes) -> None:
     image = machine_code.link(code, symbol)
     told: dict[str, Any] = {"symbol": symbol, "needs": needs}
     if image is not None:
-        code = image.content + image.places.tobytes()
+        code = bytes(image.content) + image.places.tobytes()
         told = {"needs": image.needs, "fixed": image.fixed, "entry": image.entry}
         told["length"] = len(image.content)
     if not all(_address(name) for name in told["needs"]):
