@@ -10,6 +10,7 @@ from typing import Any
 from llvmlite import ir
 from numba.core import cgutils as untyped_cgutils
 from numba.core import types
+from numba.core.errors import TypingError
 from numba.extending import intrinsic, overload
 
 from hev_can_emu.vector_code import DOUBLES, WORD, address, stretch
@@ -77,11 +78,20 @@ _filled_doubles: Any = _filled(types.float64)
 _filled_words: Any = _filled(types.int64)
 
 
+def _fits(array: Any, *dtypes: Any) -> None:
+    """Refuse, where a kernel is compiled, an array that is not contiguous or of other values."""
+    if not isinstance(array, types.Array) or array.layout != "C" or array.dtype not in dtypes:
+        raise TypingError(f"expected a contiguous array of {dtypes[0]}, got {array}")
+
+
 def stand_in(move: Any, same: Any, fill: Any, fill_integers: Any) -> None:
     """Have compiled kernels call the vectors for the functions of :mod:`.moves`."""
 
     @overload(move, inline="always")
     def _move(source: Any, at: Any, target: Any, to: Any, count: Any) -> Any:
+        _fits(source, types.float64)
+        _fits(target, types.float64)
+
         def moved(source: Any, at: Any, target: Any, to: Any, count: Any) -> Any:
             _moved(address(source) + 8 * at, address(target) + 8 * to, count)
 
@@ -89,6 +99,9 @@ def stand_in(move: Any, same: Any, fill: Any, fill_integers: Any) -> None:
 
     @overload(same, inline="always")
     def _same(first: Any, at: Any, second: Any, to: Any, count: Any) -> Any:
+        _fits(first, types.float64)
+        _fits(second, types.float64)
+
         def compared(first: Any, at: Any, second: Any, to: Any, count: Any) -> Any:
             return _differing(address(first) + 8 * at, address(second) + 8 * to, count) == 0
 
@@ -96,6 +109,8 @@ def stand_in(move: Any, same: Any, fill: Any, fill_integers: Any) -> None:
 
     @overload(fill, inline="always")
     def _fill(target: Any, to: Any, count: Any, value: Any) -> Any:
+        _fits(target, types.float64)
+
         def filled(target: Any, to: Any, count: Any, value: Any) -> Any:
             _filled_doubles(address(target) + 8 * to, count, value)
 
@@ -103,6 +118,8 @@ def stand_in(move: Any, same: Any, fill: Any, fill_integers: Any) -> None:
 
     @overload(fill_integers, inline="always")
     def _fill_integers(target: Any, to: Any, count: Any, value: Any) -> Any:
+        _fits(target, types.int64, types.uint64)
+
         def filled(target: Any, to: Any, count: Any, value: Any) -> Any:
             _filled_words(address(target) + 8 * to, count, value)
 

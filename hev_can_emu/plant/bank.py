@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hev_can_emu.jit import counting_kernel, kernel
-from hev_can_emu.plant.columns import aligned, filled_up
+from hev_can_emu.plant.columns import WIDTH, aligned, filled_up
 from hev_can_emu.plant.structure import (
     LOCKS,
     N_CONFIGURATIONS,
@@ -258,6 +258,8 @@ def few_columns(matrices: Array) -> tuple[Array, Integers, Integers]:
 
     See the bank's ``held_columns`` and those that follow.
     """
+    if matrices.shape[1] > WIDTH:
+        raise ValueError(f"{matrices.shape[1]} rows: at most {WIDTH} are summed at once")
     found = [np.flatnonzero(matrix.any(axis=0)) for matrix in matrices]
     counts = np.array([filled_up(len(each), 2) for each in found])
     columns = aligned(len(matrices), int(counts.max()), filled_up(matrices.shape[1]))

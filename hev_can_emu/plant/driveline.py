@@ -31,7 +31,6 @@ from hev_can_emu.plant.holding import (
     RELEASED,
     REVERSED,
     ROW,
-    SEEN,
     SIDE,
     SIGN,
     TOUCHED,
@@ -289,7 +288,6 @@ def step(
                 )
             u[ENGINE] = engine_torque
         move(after, 0, x, 0, nx)
-        state[SEEN] = 0 if eventful else 1
         position += 1 << level
         level = levels
         if not eventful:
@@ -345,14 +343,12 @@ def look(bank: Bank, x: Array, state: Integers, u: Array, seen: Array) -> None:
 
     ``seen``, shape (N_SEEN,): from ``SPEEDS`` on the speeds at the ports and slips at the locks, rad/s;
     from ``CARRIED`` on each lock's friction torque, held or sliding, N m on its first side, then the body's
-    angular acceleration, rad/s^2.  Right after :func:`step` it is that one's scratch.
+    angular acceleration, rad/s^2.  It may be the scratch of :func:`step`.
     """
     nu, nz = u.shape[0], bank.flow.shape[2]
     nx, locks = bank.held_torque.shape[2] - nu, nu - N_PORTS
     _join(x, u, nx, seen[:nz])
-    if state[SEEN] == 0:
-        _see_speeds(bank, x, nx, seen)
-    state[SEEN] = 0
+    _see_speeds(bank, x, nx, seen)
     combine_few(
         bank.held_columns, bank.held_places, bank.held_counts, state[ROW], seen, seen[CARRIED:]
     )

@@ -30,10 +30,7 @@ UNRESOLVED = 2 * N_LOCKS + 2  # steps in which events came faster than the ladde
 SIDE = 2 * N_LOCKS + 3  # of the dogs' play at which G1 and G2 are held: -1, +1, or 0
 MESH = 2 * N_LOCKS + 5  # of each mesh with play, the flank that touches, or 0
 MAX_MESHES = 2
-SEEN = (
-    MESH + MAX_MESHES
-)  # 1: the speeds that the last step left in its scratch are those of the states
-N_INTEGERS = SEEN + 1
+N_INTEGERS = MESH + MAX_MESHES
 
 LOCKED, RELEASED, REVERSED = 1, 2, 3  #: kinds of driveline events; ``value`` is the held torque
 TOUCHED, PARTED = 4, 5  #: teeth: index of the lock, or 10 + mesh; ``value`` is the slip, N m or N

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from hev_can_emu.errors import InputError
-from hev_can_emu.plant.structure import INERTIAS
+from hev_can_emu.plant.structure import EM2, INERTIAS, LEFT, N_PORTS, ROAD
 from hev_can_emu.runtime.bench import Bench
 from hev_can_emu.runtime.emulator import Emulator
 from hev_can_emu.runtime.setup import Setup
@@ -118,3 +118,15 @@ def test_bad_slip_is_refused_by_its_place(slippery: str, tmp_path: Path) -> None
         bad.write_text(head + "  tyre_slip:" + tail.replace(old, new), encoding="utf-8")
         with pytest.raises(InputError, match=place):
             Bench(Setup(model="detailed", vehicle=str(bad)))
+
+
+def test_told_speeds_are_those_of_the_states_after_the_tyres_have_crept(slippery: str) -> None:
+    bench = Bench(Setup(model="detailed", vehicle=slippery))
+    bench.command(em2_mode=1.0, em2_torque=200.0)
+    bench.run(40)
+    speeds = np.asarray(bench.plant.bank.speeds)
+    exact = speeds.T @ bench.driveline[: len(speeds)]
+    assert bench.truth("wheel_left_speed") == pytest.approx(exact[N_PORTS + LEFT], rel=1e-13)
+    assert bench.truth("body_speed") == pytest.approx(exact[ROAD], rel=1e-13)
+    assert bench.truth("em2_speed") == pytest.approx(exact[EM2], rel=1e-13)
+    assert exact[N_PORTS + LEFT] > 1.0

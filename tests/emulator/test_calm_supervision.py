@@ -53,19 +53,22 @@ LOST = SensorFailure(sensor="em1_request_status")
 STUCK = SensorFailure(sensor="em1_request_status", mode="stuck")
 
 
-def measured(tmp_path: Path) -> Setup:
-    """Return a setup whose bindings measure what supervision tells."""
+def measured(tmp_path: Path, port: str) -> Setup:
+    """Return a setup whose bindings measure what supervision or a request tells."""
     text = (folder("dbc") / "hev.bindings.yaml").read_text()
     path = tmp_path / "hev.bindings.yaml"
-    sensor = "sensors:\n  em1_request_status: {filter: 20 ms}\n"
+    sensor = f"sensors:\n  {port}: {{filter: 20 ms}}\n"
     path.write_text(text.replace("sensors:\n", sensor, 1))
     return Setup(dbc=str(folder("dbc") / "hev.dbc"), bindings=str(path))
 
 
-@pytest.mark.parametrize("case", ["plain", "codes cleared", "lost", "stuck", "measured"])
+MEASURED = {"status measured": "em1_request_status", "echo measured": "em2_torque_echo"}
+
+
+@pytest.mark.parametrize("case", ["plain", "codes cleared", "lost", "stuck", *MEASURED])
 def test_a_resting_supervision_changes_nothing(case: str, tmp_path: Path) -> None:
     frames = requests_of_a_controller(4)
-    setup = measured(tmp_path) if case == "measured" else PLAIN
+    setup = measured(tmp_path, MEASURED[case]) if case in MEASURED else PLAIN
     fault = {"lost": LOST, "stuck": STUCK}.get(case)
     resting, restless = Emulator(setup), Emulator(setup)
     at, rested = 0, 0

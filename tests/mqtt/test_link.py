@@ -169,8 +169,8 @@ def test_more_events_than_fit_are_counted() -> None:
         eventually(lambda: it.counters.dropped == 600 - 512)
 
 
-# paho leaves the socket of a failed handshake to the collector, which may come at any time.
-@pytest.mark.filterwarnings("ignore:unclosed <ssl:ResourceWarning")
+# paho leaves the sockets of a failed handshake to the collector, which may come at any time.
+@pytest.mark.filterwarnings("ignore:unclosed <s:ResourceWarning")
 def test_tls_and_password(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ca, key = tmp_path / "ca.pem", tmp_path / "key.pem"
     openssl = shutil.which("openssl")

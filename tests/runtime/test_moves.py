@@ -25,6 +25,11 @@ def _fill(target: np.ndarray, integers: np.ndarray, to: int, count: int) -> None
     fill_integers(integers, to, count, -7)
 
 
+@kernel
+def _fill_words(words: np.ndarray, to: int, count: int) -> None:
+    fill_integers(words, to, count, 9)
+
+
 @pytest.mark.parametrize("count", [*range(19), 32, 47])
 def test_moves(count: int) -> None:
     source = np.linspace(-1.0, 1.0, 64)
@@ -45,4 +50,7 @@ def test_moves(count: int) -> None:
     np.testing.assert_array_equal(target, expected)
     whole = np.arange(64)
     whole[4 : 4 + count] = -7
+    np.testing.assert_array_equal(integers, whole)
+    _fill_words(integers.view(np.uint64), 4, count)
+    whole[4 : 4 + count] = 9
     np.testing.assert_array_equal(integers, whole)
